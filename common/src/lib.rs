@@ -1,0 +1,6 @@
+//! Mullion's shared core. Pure: no sockets, no clock, no GPU.
+pub mod geometry;
+pub mod scene;
+pub mod visible_set;
+pub mod wall;
+pub mod wire;

@@ -1,0 +1,7 @@
+//! Mullion's master. Never links wgpu.
+pub mod cull;
+pub mod generate;
+pub mod master;
+pub mod prepare;
+pub mod service;
+pub mod swap_barrier;
