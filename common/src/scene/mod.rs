@@ -1,1 +1,21 @@
-//! scene
+//! A prepared scene: objects, leaves, materials, the object hierarchy, and the package that holds them.
+//!
+//! ```text
+//! leaf ──→ object ──→ world_from_local (f64)
+//!   ├────→ chunk: geometry in the object's local space, named by its hash, shared by instances
+//!   └────→ material ──→ texture chunk
+//! ```
+
+mod chunk;
+mod hierarchy;
+mod leaf;
+mod material;
+mod package;
+
+pub use chunk::{ChunkError, ChunkHash, GeometryChunk, MAX_CHUNK_BYTES, MAX_CHUNK_VERTICES};
+pub use hierarchy::{HierarchyError, NodeId, ObjectHierarchy, OhNode};
+pub use leaf::{ChunkId, LeafRecord, Object, ObjectId, Transform};
+pub use material::{AlphaMode, Filter, Material, MaterialId, TextureRef, Wrap};
+pub use package::{
+    ChunkKind, ChunkRecord, LeafSource, PACKAGE_VERSION, Package, PackageError, Scene, SceneManifest, SectionKind, Sources,
+};

@@ -1,1 +1,3 @@
-//! wire
+//! What master and clients say to each other.
+
+pub mod codec;

@@ -1,0 +1,110 @@
+//! Off-axis projections: from the world to a tile's clip space.
+
+use glam::{DAffine3, DMat3, DMat4, DVec3, Mat4, Vec4};
+
+use crate::geometry::Frustum;
+
+/// How one view projects the world.
+///
+/// Clip space is wgpu's (x right, y up, depth 0 to 1) with reversed depth and no far plane: depth is
+/// `near / distance`, 1 at the near plane and 0 at infinity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Projection {
+    /// The eye in the world, metres.
+    pub eye: DVec3,
+    /// `clip_from_offset`: applied to a world position minus the eye.
+    pub clip_from_offset: DMat4,
+}
+
+impl Projection {
+    /// The projection from `eye` through a rectangle.
+    ///
+    /// `corners` (bottom left, bottom right, top left as the eye sees them) and `eye` in room space; `near_m` in
+    /// metres of the room, along the rectangle's normal; `world_from_room` a similarity without mirroring.
+    pub fn through_rectangle(eye: DVec3, corners: [DVec3; 3], near_m: f64, world_from_room: &DAffine3) -> Self {
+        let [bottom_left, bottom_right, top_left] = corners;
+        let right = (bottom_right - bottom_left).normalize();
+        let towards_eye = (bottom_right - bottom_left).cross(top_left - bottom_left).normalize();
+        let up = towards_eye.cross(right);
+        let distance_m = (eye - bottom_left).dot(towards_eye);
+        let (left_m, right_m) = ((bottom_left - eye).dot(right), (bottom_right - eye).dot(right));
+        let (bottom_m, top_m) = ((bottom_left - eye).dot(up), (top_left - eye).dot(up));
+        let (width_m, height_m) = (right_m - left_m, top_m - bottom_m);
+        let clip_from_screen = DMat4::from_cols(
+            DVec3::new(2.0 * distance_m / width_m, 0.0, 0.0).extend(0.0),
+            DVec3::new(0.0, 2.0 * distance_m / height_m, 0.0).extend(0.0),
+            DVec3::new((right_m + left_m) / width_m, (top_m + bottom_m) / height_m, 0.0).extend(-1.0),
+            DVec3::new(0.0, 0.0, near_m).extend(0.0),
+        );
+        let screen_from_room = DMat3::from_cols(right, up, towards_eye).transpose();
+        let room_from_offset = world_from_room.matrix3.inverse();
+        Self {
+            eye: world_from_room.transform_point3(eye),
+            clip_from_offset: clip_from_screen * DMat4::from_mat3(screen_from_room * room_from_offset),
+        }
+    }
+
+    /// `clip_from_local` of an object, rounded once to `f32`: the products are taken in `f64` relative to the eye,
+    /// so that kilometres of translation cost no precision nearby.
+    pub fn clip_from_local(&self, world_from_local: &DAffine3) -> Mat4 {
+        (self.clip_from_offset * DMat4::from(self.offset_from_local(world_from_local))).as_mat4()
+    }
+
+    /// World axes, origin at the eye.
+    pub fn offset_from_local(&self, world_from_local: &DAffine3) -> DAffine3 {
+        DAffine3 { matrix3: world_from_local.matrix3, translation: world_from_local.translation - self.eye }
+    }
+
+    /// Clip coordinates of a world position.
+    pub fn clip(&self, world: DVec3) -> Vec4 {
+        (self.clip_from_offset * (world - self.eye).extend(1.0)).as_vec4()
+    }
+}
+
+/// The frustum that the same view culls with, in the world.
+pub fn world_frustum(eye: DVec3, corners: [DVec3; 3], near_m: f64, world_from_room: &DAffine3) -> Frustum {
+    Frustum::through_rectangle(eye, corners, near_m).transformed(world_from_room)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// What projects into the clip volume is what the frustum's planes call inside.
+        #[test]
+        fn projection_and_frustum_agree(
+            eye in (-3.0..3.0f64, -2.0..2.0f64, 0.5..4.0f64),
+            point in (-20.0..20.0f64, -20.0..20.0f64, -30.0..5.0f64),
+            turn in 0.0..6.0f64,
+            scale in 0.1..10.0f64,
+        ) {
+            let corners = [DVec3::new(-1.0, -0.5, 0.0), DVec3::new(0.5, -0.5, 0.0), DVec3::new(-1.0, 0.7, 0.0)];
+            let world_from_room = DAffine3::from_scale_rotation_translation(
+                DVec3::splat(scale), DQuat::from_rotation_y(turn), DVec3::new(100.0, -5.0, 3.0));
+            let eye = DVec3::from(eye);
+            let world = world_from_room.transform_point3(point.into());
+            let projection = Projection::through_rectangle(eye, corners, 0.1, &world_from_room);
+            let frustum = world_frustum(eye, corners, 0.1, &world_from_room);
+            let clip = projection.clip(world);
+            let sides = [clip.w + clip.x, clip.w - clip.x, clip.w + clip.y, clip.w - clip.y, clip.w - clip.z];
+            for (plane, value) in frustum.planes.iter().zip(sides) {
+                let distance_m = plane.distance_m(world);
+                prop_assert!(distance_m.abs() < 1e-3 || (distance_m > 0.0) == (value > 0.0), "{distance_m} {value}");
+            }
+        }
+    }
+
+    #[test]
+    fn corners_land_on_the_corners_of_clip_space() {
+        let corners = [DVec3::new(-1.0, -0.5, -2.0), DVec3::new(0.5, -0.5, -2.0), DVec3::new(-1.0, 0.7, -2.0)];
+        let projection = Projection::through_rectangle(DVec3::new(0.3, 0.1, 1.0), corners, 0.1, &DAffine3::IDENTITY);
+        let ndc = corners.map(|c| projection.clip(c)).map(|c| c / c.w);
+        for (found, wanted) in ndc.iter().zip([(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)]) {
+            assert!((found.x - wanted.0).abs() < 1e-6 && (found.y - wanted.1).abs() < 1e-6, "{ndc:?}");
+        }
+        assert!((ndc[0].z - 0.1 / 3.0).abs() < 1e-6, "reversed depth: near over distance");
+    }
+}

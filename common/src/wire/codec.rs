@@ -1,0 +1,51 @@
+//! Headers as bytes. The only user of bincode.
+//!
+//! bincode 2 with its legacy configuration: little-endian, fixed-width integers, `u32` enum tags, `u64` lengths.
+//! Bulk arrays never pass through here: they follow a header as raw little-endian bytes.
+
+use serde::{Serialize, de::DeserializeOwned};
+use thiserror::Error;
+
+/// Why bytes could not be read.
+#[derive(Debug, Error, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum CodecError {
+    #[error("malformed: {0}")]
+    Malformed(String),
+    #[error("{left} bytes follow the end of the message")]
+    Trailing { left: usize },
+    #[error("{len} bytes where at most {cap} are allowed")]
+    TooLarge { len: usize, cap: usize },
+}
+
+/// The bytes of `value`.
+///
+/// # Errors
+/// When the value cannot be serialised, as a sequence of unknown length.
+pub fn encode<T: Serialize>(value: &T) -> Result<Vec<u8>, CodecError> {
+    bincode::serde::encode_to_vec(value, bincode::config::legacy()).map_err(|e| CodecError::Malformed(e.to_string()))
+}
+
+/// Reads a value that takes all of `bytes`, and takes no more than `CAP` bytes of memory for lengths it reads.
+///
+/// # Errors
+/// When the bytes are more than `CAP`, are malformed, or go on after the value.
+pub fn decode<T: DeserializeOwned, const CAP: usize>(bytes: &[u8]) -> Result<T, CodecError> {
+    let (value, used) = decode_prefix::<T, CAP>(bytes)?;
+    match bytes.len() - used {
+        0 => Ok(value),
+        left => Err(CodecError::Trailing { left }),
+    }
+}
+
+/// Reads a value from the start of `bytes`; also gives how many bytes it took.
+///
+/// # Errors
+/// When the value takes more than `CAP` bytes or is malformed.
+pub fn decode_prefix<T: DeserializeOwned, const CAP: usize>(bytes: &[u8]) -> Result<(T, usize), CodecError> {
+    let config = bincode::config::legacy().with_limit::<CAP>();
+    let head = &bytes[..bytes.len().min(CAP)];
+    bincode::serde::decode_from_slice(head, config).map_err(|e| {
+        if bytes.len() > CAP { CodecError::TooLarge { len: bytes.len(), cap: CAP } } else { CodecError::Malformed(e.to_string()) }
+    })
+}
