@@ -102,6 +102,17 @@ impl GeometryChunk {
         bytes
     }
 
+    /// Triangles in an encoded chunk, from its header; 0 where there is none.
+    pub fn triangle_count(bytes: &[u8]) -> u32 {
+        bytes.get(8..12).map_or(0, |b| bytemuck::pod_read_unaligned::<u32>(b) / 3)
+    }
+
+    /// The positions in an encoded chunk; empty where its bytes are cut off.
+    pub fn positions(bytes: &[u8]) -> Vec<[f32; 3]> {
+        let count = bytes.get(4..8).map_or(0, |b| bytemuck::pod_read_unaligned::<u32>(b) as usize);
+        bytes.get(16..16 + count * 12).map(bytemuck::pod_collect_to_vec).unwrap_or_default()
+    }
+
     /// Reads and checks bytes from outside: lengths agree, triangles are whole, every index names a vertex.
     ///
     /// # Errors

@@ -386,8 +386,7 @@ impl<'a> Sections<'a> {
         }
         let truncated =
             |what: &str, needed: u64| PackageError::Truncated { what: what.to_owned(), needed, found: bytes.len() as u64 };
-        let word =
-            |at: usize| bytes.get(at..at + 4).map(bytemuck::pod_read_unaligned::<u32>).ok_or(truncated("header", 16));
+        let word = |at: usize| bytes.get(at..at + 4).map(bytemuck::pod_read_unaligned::<u32>).ok_or(truncated("header", 16));
         let (found, count) = (word(8)?, word(12)?);
         if found != PACKAGE_VERSION {
             return Err(PackageError::Version { found });

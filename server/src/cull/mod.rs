@@ -1,1 +1,128 @@
-//! cull
+//! Culling: which leaves of the object hierarchy each view may see.
+//!
+//! All algorithms are conservative and give leaf ranges, one visible set a view. `adaptive` is the paper's
+//! (Nirnimesh, Harish, Narayanan 2006, section 4.2); `oh` and `naive` are what it is held against.
+
+mod adaptive;
+mod frustum_hierarchy;
+mod naive;
+mod oh;
+
+use std::fmt;
+use std::str::FromStr;
+
+use glam::{DAffine3, DVec3};
+use mullion_common::scene::ObjectHierarchy;
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::{ViewId, Wall};
+
+pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode};
+
+/// How to cull.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Algorithm {
+    /// Every leaf against every view: O(m n). Its sets are the least that plane tests of the leaves' boxes give.
+    Naive,
+    /// The object hierarchy, view by view, with plane masks and the fully-inside shortcut: "OH without FH".
+    Oh,
+    /// Both hierarchies together, each unfolded where it pays: "adaptive OH and FH".
+    Adaptive,
+}
+
+impl Algorithm {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Naive, Self::Oh, Self::Adaptive];
+
+    /// As users write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Naive => "naive",
+            Self::Oh => "oh",
+            Self::Adaptive => "adaptive",
+        }
+    }
+}
+
+impl fmt::Display for Algorithm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Algorithm {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let known = || Self::ALL.map(Self::name).join(", ");
+        Self::ALL.into_iter().find(|a| a.name() == name).ok_or_else(|| format!("{name:?} is no algorithm; there are {}", known()))
+    }
+}
+
+/// What one cull cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CullStats {
+    /// Nodes of the object hierarchy tested, counted each time.
+    pub nodes_visited: u64,
+    /// Boxes tested against a plane.
+    pub plane_tests: u64,
+}
+
+/// Culls frame after frame, reusing its memory: a frame allocates nothing once sets have reached their size.
+pub struct Culler {
+    algorithm: Algorithm,
+    frusta: FrustumHierarchy,
+    room_eyes: Vec<DVec3>,
+    stack: Vec<(u32, u32)>,
+    descent: Vec<oh::Open>,
+}
+
+impl Culler {
+    /// A culler for a wall.
+    pub fn new(algorithm: Algorithm, wall: &Wall) -> Self {
+        let room_eyes = wall.default_eyes();
+        let frusta = FrustumHierarchy::new(room_frusta(wall, &room_eyes));
+        Self { algorithm, frusta, room_eyes, stack: Vec::new(), descent: Vec::new() }
+    }
+
+    /// Finds what each view may see.
+    ///
+    /// `eyes` in room space and `sets` are indexed by `ViewId`, one for each view of the wall; `world_from_room` is a
+    /// similarity without mirroring. The sets are conservative: they hold every leaf of which a pixel may be drawn.
+    ///
+    /// # Panics
+    /// When `eyes` or `sets` are not as many as the wall's views.
+    pub fn cull(
+        &mut self,
+        hierarchy: &ObjectHierarchy,
+        wall: &Wall,
+        eyes: &[DVec3],
+        world_from_room: &DAffine3,
+        sets: &mut [VisibleSet],
+    ) -> CullStats {
+        assert_eq!(eyes.len(), wall.views().len(), "an eye for each view");
+        assert_eq!(sets.len(), wall.views().len(), "a set for each view");
+        if eyes != self.room_eyes {
+            self.room_eyes.clear();
+            self.room_eyes.extend_from_slice(eyes);
+            self.frusta.update(room_frusta_iter(wall, &self.room_eyes));
+        }
+        self.frusta.place(world_from_room);
+        sets.iter_mut().for_each(VisibleSet::clear);
+        if hierarchy.root().is_none() {
+            return CullStats::default();
+        }
+        match self.algorithm {
+            Algorithm::Naive => naive::cull(hierarchy, self.frusta.views(), sets),
+            Algorithm::Oh => oh::cull(hierarchy, self.frusta.views(), &mut self.descent, sets),
+            Algorithm::Adaptive => adaptive::cull(hierarchy, &self.frusta, &mut self.stack, &mut self.descent, sets),
+        }
+    }
+}
+
+fn room_frusta(wall: &Wall, eyes: &[DVec3]) -> Vec<mullion_common::geometry::Frustum> {
+    room_frusta_iter(wall, eyes).collect()
+}
+
+fn room_frusta_iter<'a>(wall: &'a Wall, eyes: &'a [DVec3]) -> impl Iterator<Item = mullion_common::geometry::Frustum> + 'a {
+    eyes.iter().enumerate().map(|(view, eye)| wall.frustum(ViewId(view as u16), *eye, &DAffine3::IDENTITY))
+}

@@ -1,0 +1,239 @@
+//! The frustum hierarchy (FH): the views of a wall, halved by planes again and again (section 3).
+//!
+//! Any set of views makes one: a grid seen from one eye, the walls of a CAVE, projectors that overlap, several eyes. The
+//! bisection planes are sides of the views' own frusta, chosen so that the halves are about equal and few views are on
+//! both sides. A view that a plane cuts stands below both halves. Views that no plane parts well share a node.
+
+use glam::{DAffine3, DVec3};
+use mullion_common::geometry::{Containment, Frustum, FrustumSide, Plane};
+
+/// A node of the frustum hierarchy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrustumNode {
+    /// Views to be tested one by one: `start..end` in the list of views.
+    #[allow(missing_docs)]
+    Views { start: u32, end: u32 },
+    /// A bisection plane: one side of one view's frustum, and the nodes in its two half-spaces.
+    #[allow(missing_docs)]
+    Split { view: u16, side: FrustumSide, negative: u32, positive: u32 },
+}
+
+/// The views of a wall as a tree. Built in room space, where it changes only when an eye moves; placed in the world each
+/// frame.
+pub struct FrustumHierarchy {
+    /// By `ViewId`, room space.
+    room: Vec<Frustum>,
+    /// By `ViewId`, in the world.
+    world: Vec<Frustum>,
+    /// Node 0 is the root.
+    nodes: Vec<FrustumNode>,
+    /// Below each node: range in `members`. Views of a `Views` node stand there too.
+    below: Vec<(u32, u32)>,
+    members: Vec<u16>,
+    /// Sides of views' frusta that have all views inside.
+    primary_sides: Vec<(u16, FrustumSide)>,
+    /// The same in the world, with the eye of each.
+    primary: Vec<(Plane, DVec3)>,
+}
+
+/// How much of a view may lie on the wrong side of a plane and still count as rounding.
+const ANGULAR_TOLERANCE: f64 = 1e-9;
+
+const ALL_SIDES: [FrustumSide; 5] =
+    [FrustumSide::Left, FrustumSide::Right, FrustumSide::Bottom, FrustumSide::Top, FrustumSide::Near];
+
+impl FrustumHierarchy {
+    /// Builds the hierarchy of views given in room space, one or more, by `ViewId`.
+    pub fn new(room: Vec<Frustum>) -> Self {
+        let world = room.clone();
+        let mut hierarchy = Self {
+            room,
+            world,
+            nodes: Vec::new(),
+            below: Vec::new(),
+            members: Vec::new(),
+            primary_sides: Vec::new(),
+            primary: Vec::new(),
+        };
+        hierarchy.build();
+        hierarchy
+    }
+
+    /// Takes the views' new frusta in room space, after an eye has moved. The tree is kept while its planes still part
+    /// the views as they did, and built anew when they do not.
+    pub fn update(&mut self, room: impl Iterator<Item = Frustum>) {
+        self.room.clear();
+        self.room.extend(room);
+        if !self.still_parts() {
+            self.build();
+        }
+    }
+
+    /// Places the views in the world.
+    pub fn place(&mut self, world_from_room: &DAffine3) {
+        for (world, room) in self.world.iter_mut().zip(&self.room) {
+            *world = room.transformed(world_from_room);
+        }
+        self.primary.clear();
+        self.primary.extend(self.primary_sides.iter().map(|(view, side)| {
+            let frustum = &self.world[usize::from(*view)];
+            (*frustum.plane(*side), frustum.eye)
+        }));
+    }
+
+    /// The views' frusta in the world, by `ViewId`.
+    pub fn views(&self) -> &[Frustum] {
+        &self.world
+    }
+
+    /// The planes of the primary frustum in the world, with the eye of each: they have all views inside. Few or none
+    /// where the views look all around.
+    pub fn primary(&self) -> &[(Plane, DVec3)] {
+        &self.primary
+    }
+
+    /// A node; 0 is the root.
+    pub fn node(&self, id: u32) -> &FrustumNode {
+        &self.nodes[id as usize]
+    }
+
+    /// The views of a [`FrustumNode::Views`].
+    pub fn views_of(&self, start: u32, end: u32) -> &[u16] {
+        &self.members[start as usize..end as usize]
+    }
+
+    fn build(&mut self) {
+        self.nodes.clear();
+        self.below.clear();
+        self.members.clear();
+        let all: Vec<u16> = (0..self.room.len() as u16).collect();
+        self.primary_sides = primary_sides(&self.room);
+        self.build_node(&all);
+    }
+
+    /// Adds the node over `views`. At most 20 deep: each split leaves at most three quarters.
+    fn build_node(&mut self, views: &[u16]) -> u32 {
+        let id = self.nodes.len() as u32;
+        let start = self.members.len() as u32;
+        self.members.extend_from_slice(views);
+        let end = self.members.len() as u32;
+        self.below.push((start, end));
+        self.nodes.push(FrustumNode::Views { start, end });
+        if let Some((view, side)) = best_split(&self.room, views) {
+            let plane = *self.room[usize::from(view)].plane(side);
+            let on = |wrong: Containment| {
+                let room = &self.room;
+                views.iter().copied().filter(|v| side_of(&room[usize::from(*v)], &plane) != wrong).collect::<Vec<_>>()
+            };
+            let (below, above) = (on(Containment::Inside), on(Containment::Outside));
+            let negative = self.build_node(&below);
+            let positive = self.build_node(&above);
+            self.nodes[id as usize] = FrustumNode::Split { view, side, negative, positive };
+        }
+        id
+    }
+
+    /// Whether every view still lies where the tree has it, and the primary planes still hold all views.
+    fn still_parts(&self) -> bool {
+        let stray = |child: u32, plane: &Plane, wrong: Containment, sibling: u32| {
+            let list = |node: u32| {
+                let (start, end) = self.below[node as usize];
+                &self.members[start as usize..end as usize]
+            };
+            list(child).iter().any(|view| {
+                let wanted = side_of(&self.room[usize::from(*view)], plane);
+                // Below both children it may lie anywhere.
+                wanted != wrong && !list(sibling).contains(view)
+            })
+        };
+        let splits_hold = self.nodes.iter().all(|node| match *node {
+            FrustumNode::Views { .. } => true,
+            FrustumNode::Split { view, side, negative, positive } => {
+                let plane = self.room[usize::from(view)].plane(side);
+                !stray(negative, plane, Containment::Outside, positive) && !stray(positive, plane, Containment::Inside, negative)
+            }
+        });
+        let bounds = |(view, side): &(u16, FrustumSide)| {
+            let plane = self.room[usize::from(*view)].plane(*side);
+            self.room.iter().all(|f| side_of(f, plane) == Containment::Inside)
+        };
+        splits_hold && self.primary_sides.iter().all(bounds)
+    }
+}
+
+/// The plane that halves `views` best, if one does: neither side keeps more than three quarters, and both sides
+/// together hold at most half as many again.
+fn best_split(room: &[Frustum], views: &[u16]) -> Option<(u16, FrustumSide)> {
+    if views.len() < 2 {
+        return None;
+    }
+    let mut best: Option<(usize, (u16, FrustumSide))> = None;
+    for (view, side) in views.iter().flat_map(|v| FrustumSide::AROUND_EYE.map(|side| (*v, side))) {
+        let plane = room[usize::from(view)].plane(side);
+        let (mut negative, mut positive) = (0, 0);
+        for v in views {
+            match side_of(&room[usize::from(*v)], plane) {
+                Containment::Outside => negative += 1,
+                Containment::Inside => positive += 1,
+                Containment::Cut => {
+                    negative += 1;
+                    positive += 1;
+                }
+            }
+        }
+        let larger = usize::max(negative, positive);
+        let halves = larger * 4 <= views.len() * 3 || (views.len() <= 3 && larger < views.len());
+        let cost = larger * 2 + negative + positive;
+        if halves && (negative + positive) * 2 <= views.len() * 3 && best.is_none_or(|(least, _)| cost < least) {
+            best = Some((cost, (view, side)));
+        }
+    }
+    best.map(|(_, split)| split)
+}
+
+/// Where a view's cone lies: `Inside` the positive half-space, `Outside` it, or `Cut`. Touching counts as being on the
+/// side where the rest is.
+fn side_of(view: &Frustum, plane: &Plane) -> Containment {
+    let scale = view.rays[0].length();
+    let apex = plane.distance_m(view.eye) / scale;
+    let rays = view.rays.map(|r| plane.normal.dot(r) / r.length());
+    let least = rays.into_iter().fold(apex, f64::min);
+    let greatest = rays.into_iter().fold(apex, f64::max);
+    if least >= -ANGULAR_TOLERANCE {
+        Containment::Inside
+    } else if greatest <= ANGULAR_TOLERANCE {
+        Containment::Outside
+    } else {
+        Containment::Cut
+    }
+}
+
+/// The sides of the views' frusta that have every view inside, each plane once.
+fn primary_sides(room: &[Frustum]) -> Vec<(u16, FrustumSide)> {
+    const MAX_PLANES: usize = 8;
+    let mut sides: Vec<(u16, FrustumSide)> = Vec::new();
+    for (view, side) in (0..room.len() as u16).flat_map(|v| ALL_SIDES.map(|side| (v, side))) {
+        let plane = room[usize::from(view)].plane(side);
+        let is_near = side == FrustumSide::Near;
+        let holds = |f: &Frustum| if is_near { near_holds(f, plane) } else { side_of(f, plane) == Containment::Inside };
+        let same = |(v, s): &(u16, FrustumSide)| {
+            let other = room[usize::from(*v)].plane(*s);
+            other.normal.dot(plane.normal) > 1.0 - 1e-12 && (other.offset_m - plane.offset_m).abs() < 1e-9
+        };
+        if sides.len() < MAX_PLANES && !sides.iter().any(same) && room.iter().all(holds) {
+            sides.push((view, side));
+        }
+    }
+    sides
+}
+
+/// Whether what a view sees past its own near plane is past this one: it starts further away and opens forward.
+fn near_holds(view: &Frustum, plane: &Plane) -> bool {
+    let near = view.plane(FrustumSide::Near);
+    view.rays.iter().all(|ray| {
+        // Where the ray meets the view's own near plane.
+        let forward = near.normal.dot(*ray);
+        let start = view.eye + *ray * (-near.distance_m(view.eye) / forward);
+        forward > 0.0 && plane.distance_m(start) >= -ANGULAR_TOLERANCE && plane.normal.dot(*ray) >= 0.0
+    })
+}
