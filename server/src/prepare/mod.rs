@@ -1,1 +1,2 @@
 //! prepare
+pub mod gltf;
