@@ -1,0 +1,346 @@
+//! The glTF 2.0 JSON as it is written, read with serde.
+//!
+//! Enumerations stay numbers and strings here, and references stay integers: the modules that use a
+//! value check it, so that each fault can name its place. The `gltf` crate's own JSON model was
+//! tried first: it refuses integers written as `1.0`, which are valid, and truncates large enum values
+//! to 32 bits, which makes some invalid ones pass.
+use serde::de::{self, Deserializer, SeqAccess, Visitor};
+use serde::{Deserialize, de::IgnoredAny};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::marker::PhantomData;
+
+/// Most entries in any top-level or nested array of the JSON.
+pub(super) const MAX_JSON_ITEMS: usize = 1 << 22;
+
+/// A non-negative integer; `3`, `3.0` and `30e-1` are the same number in JSON.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(super) struct Int(pub u64);
+
+/// An array with at most [`MAX_JSON_ITEMS`] entries.
+#[derive(Debug)]
+pub(super) struct List<T>(pub Vec<T>);
+
+/// A string that borrows from the file where it has no escapes: data URIs are large.
+#[derive(Deserialize, Debug)]
+pub(super) struct Text<'a>(#[serde(borrow)] pub Cow<'a, str>);
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Root<'a> {
+    pub asset: Option<Asset>,
+    #[serde(default)]
+    pub extensions_used: List<String>,
+    #[serde(default)]
+    pub extensions_required: List<String>,
+    pub scene: Option<Int>,
+    #[serde(default)]
+    pub scenes: List<Scene>,
+    #[serde(default)]
+    pub nodes: List<Node>,
+    #[serde(default)]
+    pub meshes: List<Mesh>,
+    #[serde(default)]
+    pub skins: List<Skin>,
+    #[serde(default)]
+    pub cameras: List<IgnoredAny>,
+    #[serde(default)]
+    pub accessors: List<Accessor>,
+    #[serde(default)]
+    pub buffer_views: List<BufferView>,
+    #[serde(default, borrow)]
+    pub buffers: List<Buffer<'a>>,
+    #[serde(default)]
+    pub materials: List<Material>,
+    #[serde(default)]
+    pub textures: List<Texture>,
+    #[serde(default)]
+    pub samplers: List<Sampler>,
+    #[serde(default, borrow)]
+    pub images: List<Image<'a>>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Asset {
+    pub version: Option<String>,
+    pub min_version: Option<String>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct Scene {
+    #[serde(default)]
+    pub nodes: List<Int>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct Node {
+    pub name: Option<String>,
+    #[serde(default)]
+    pub children: List<Int>,
+    pub matrix: Option<Box<[f64; 16]>>,
+    pub translation: Option<[f64; 3]>,
+    pub rotation: Option<[f64; 4]>,
+    pub scale: Option<[f64; 3]>,
+    pub mesh: Option<Int>,
+    pub skin: Option<Int>,
+    pub camera: Option<Int>,
+    pub weights: Option<List<f64>>,
+    pub extensions: Option<Box<NodeExtensions>>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct NodeExtensions {
+    #[serde(rename = "EXT_mesh_gpu_instancing")]
+    pub instancing: Option<Instancing>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct Instancing {
+    #[serde(default)]
+    pub attributes: BTreeMap<String, Int>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct Mesh {
+    pub name: Option<String>,
+    #[serde(default)]
+    pub primitives: List<Primitive>,
+    pub weights: Option<List<f64>>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct Primitive {
+    #[serde(default)]
+    pub attributes: BTreeMap<String, Int>,
+    pub indices: Option<Int>,
+    pub material: Option<Int>,
+    pub mode: Option<Int>,
+    #[serde(default)]
+    pub targets: List<BTreeMap<String, Int>>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Skin {
+    pub inverse_bind_matrices: Option<Int>,
+    #[serde(default)]
+    pub joints: List<Int>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Accessor {
+    pub buffer_view: Option<Int>,
+    #[serde(default)]
+    pub byte_offset: Int,
+    pub component_type: Option<Int>,
+    #[serde(default)]
+    pub normalized: bool,
+    pub count: Option<Int>,
+    #[serde(rename = "type")]
+    pub shape: Option<String>,
+    pub sparse: Option<Box<Sparse>>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct Sparse {
+    pub count: Int,
+    pub indices: SparseIndices,
+    pub values: SparseValues,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct SparseIndices {
+    pub buffer_view: Int,
+    #[serde(default)]
+    pub byte_offset: Int,
+    pub component_type: Int,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct SparseValues {
+    pub buffer_view: Int,
+    #[serde(default)]
+    pub byte_offset: Int,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct BufferView {
+    pub buffer: Option<Int>,
+    #[serde(default)]
+    pub byte_offset: Int,
+    pub byte_length: Option<Int>,
+    pub byte_stride: Option<Int>,
+    pub extensions: Option<Box<ViewExtensions>>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct ViewExtensions {
+    #[serde(rename = "EXT_meshopt_compression", alias = "KHR_meshopt_compression")]
+    pub meshopt: Option<Meshopt>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Meshopt {
+    pub buffer: Int,
+    #[serde(default)]
+    pub byte_offset: Int,
+    pub byte_length: Int,
+    pub byte_stride: Int,
+    pub count: Int,
+    pub mode: String,
+    pub filter: Option<String>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Buffer<'a> {
+    pub byte_length: Option<Int>,
+    #[serde(borrow)]
+    pub uri: Option<Text<'a>>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Image<'a> {
+    #[serde(borrow)]
+    pub uri: Option<Text<'a>>,
+    pub mime_type: Option<String>,
+    pub buffer_view: Option<Int>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct Texture {
+    pub source: Option<Int>,
+    pub sampler: Option<Int>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Sampler {
+    pub mag_filter: Option<Int>,
+    pub wrap_s: Option<Int>,
+    pub wrap_t: Option<Int>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Material {
+    pub name: Option<String>,
+    pub pbr_metallic_roughness: Option<Pbr>,
+    pub alpha_mode: Option<String>,
+    pub alpha_cutoff: Option<f64>,
+    #[serde(default)]
+    pub double_sided: bool,
+    pub extensions: Option<MaterialExtensions>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Pbr {
+    pub base_color_factor: Option<[f64; 4]>,
+    pub base_color_texture: Option<TextureInfo>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct MaterialExtensions {
+    #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
+    pub specular_glossiness: Option<SpecularGlossiness>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct SpecularGlossiness {
+    pub diffuse_factor: Option<[f64; 4]>,
+    pub diffuse_texture: Option<TextureInfo>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct TextureInfo {
+    pub index: Int,
+    #[serde(default)]
+    pub tex_coord: Int,
+    pub extensions: Option<TextureInfoExtensions>,
+}
+
+#[derive(Deserialize, Debug)]
+pub(super) struct TextureInfoExtensions {
+    #[serde(rename = "KHR_texture_transform")]
+    pub transform: Option<TextureTransform>,
+}
+
+#[derive(Deserialize, Debug)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct TextureTransform {
+    pub offset: Option<[f64; 2]>,
+    pub rotation: Option<f64>,
+    pub scale: Option<[f64; 2]>,
+    pub tex_coord: Option<Int>,
+}
+
+impl<'de> Deserialize<'de> for Int {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct IntVisitor;
+        impl Visitor<'_> for IntVisitor {
+            type Value = Int;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a non-negative integer")
+            }
+            fn visit_u64<E: de::Error>(self, value: u64) -> Result<Int, E> {
+                Ok(Int(value))
+            }
+            fn visit_f64<E: de::Error>(self, value: f64) -> Result<Int, E> {
+                const EXACT: f64 = (1u64 << 53) as f64;
+                if value >= 0.0 && value <= EXACT && value.fract() == 0.0 {
+                    Ok(Int(value as u64))
+                } else {
+                    Err(E::invalid_value(de::Unexpected::Float(value), &self))
+                }
+            }
+        }
+        deserializer.deserialize_u64(IntVisitor)
+    }
+}
+
+impl<T> Default for List<T> {
+    fn default() -> Self {
+        List(Vec::new())
+    }
+}
+
+impl<T> std::ops::Deref for List<T> {
+    type Target = [T];
+    fn deref(&self) -> &[T] {
+        &self.0
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct ListVisitor<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for ListVisitor<T> {
+            type Value = List<T>;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                write!(f, "an array of at most {MAX_JSON_ITEMS} entries")
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut sequence: A) -> Result<List<T>, A::Error> {
+                let mut items = Vec::new();
+                while let Some(item) = sequence.next_element()? {
+                    if items.len() == MAX_JSON_ITEMS {
+                        return Err(de::Error::invalid_length(items.len() + 1, &self));
+                    }
+                    items.push(item);
+                }
+                Ok(List(items))
+            }
+        }
+        deserializer.deserialize_seq(ListVisitor(PhantomData))
+    }
+}
