@@ -1,1 +1,58 @@
-fn main() {}
+//! `mullion`: a culling service for tiled display walls, CAVEs and multi-projector rooms.
+
+mod camera;
+mod commands;
+mod composite;
+mod files;
+mod progress;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Culling service for tiled display walls, CAVEs and multi-projector rooms.
+#[derive(Parser)]
+#[command(name = "mullion", version, about, propagate_version = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Write one of the papers' scenes as a GLB file.
+    Generate(commands::generate::Options),
+    /// Turn a glTF or GLB scene into a package.
+    Prepare(commands::prepare::Options),
+    /// Tell what a scene amounts to.
+    Info(commands::info::Options),
+    /// Cull one frame without drawing, and write down what each tile may see.
+    Cull(commands::cull::Options),
+}
+
+/// Exit code for whatever a user can mend: a file, an argument, a port.
+const USER_ERROR: u8 = 2;
+
+fn main() -> ExitCode {
+    tracing_subscriber::fmt()
+        .with_env_filter(
+            tracing_subscriber::EnvFilter::try_from_env("MULLION_LOG")
+                .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn,wgpu_hal=error,wgpu_core=error")),
+        )
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .init();
+    let result = match Arguments::parse().command {
+        Command::Generate(options) => commands::generate::run(&options),
+        Command::Prepare(options) => commands::prepare::run(&options),
+        Command::Info(options) => commands::info::run(&options),
+        Command::Cull(options) => commands::cull::run(&options),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("mullion: {error:#}");
+            ExitCode::from(USER_ERROR)
+        }
+    }
+}

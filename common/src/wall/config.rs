@@ -337,7 +337,7 @@ fn checked_screens(top: &At<'_>, configs: &[Spanned<ScreenConfig>]) -> Result<Ve
 }
 
 /// A screen must show its front to the eye, further away than the near plane.
-fn check_seen_from(corners: &[DVec3; 3], eye: DVec3, near_m: f64) -> Result<(), String> {
+pub(super) fn check_seen_from(corners: &[DVec3; 3], eye: DVec3, near_m: f64) -> Result<(), String> {
     let [bottom_left, bottom_right, top_left] = *corners;
     let towards_eye = (bottom_right - bottom_left).cross(top_left - bottom_left).normalize();
     let distance_m = (eye - bottom_left).dot(towards_eye);

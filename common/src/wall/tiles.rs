@@ -3,6 +3,7 @@
 use glam::{DAffine3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::config::check_seen_from;
 use super::{Projection, projection::world_frustum};
 use crate::geometry::Frustum;
 
@@ -142,6 +143,20 @@ impl Wall {
     /// Where each view's eye is while no head is tracked: room space, metres, by `ViewId`.
     pub fn default_eyes(&self) -> Vec<DVec3> {
         self.views.iter().map(|v| self.eyes[usize::from(v.observer.0)]).collect()
+    }
+
+    /// Whether an observer may stand at `eye` (room space): in front of every screen, further away than the near plane.
+    ///
+    /// # Errors
+    /// Names the screen that the eye is behind or too near.
+    pub fn check_eye(&self, eye: DVec3) -> Result<(), String> {
+        let check = |screen: &Screen| {
+            check_seen_from(&screen.corners, eye, self.near_m).map_err(|problem| match screen.name.as_str() {
+                "" => format!("the wall {problem}"),
+                name => format!("screen {name} {problem}"),
+            })
+        };
+        self.screens.iter().try_for_each(check)
     }
 
     /// What a view sees, in the world. `eye` in room space.

@@ -12,7 +12,12 @@ use super::CullStats;
 pub(super) type Open = (u32, u8);
 
 /// Culls view by view: "OH without FH" (section 4.2), as a scene graph library does it.
-pub(super) fn cull(hierarchy: &ObjectHierarchy, views: &[Frustum], descent: &mut Vec<Open>, sets: &mut [VisibleSet]) -> CullStats {
+pub(super) fn cull(
+    hierarchy: &ObjectHierarchy,
+    views: &[Frustum],
+    descent: &mut Vec<Open>,
+    sets: &mut [VisibleSet],
+) -> CullStats {
     let mut stats = CullStats::default();
     for (frustum, set) in views.iter().zip(sets) {
         descend(hierarchy, 0, frustum, descent, &mut stats, &mut |leaves| set.push(leaves));

@@ -200,7 +200,13 @@ struct PieceRecord {
 }
 
 impl PieceTable {
-    fn take(&mut self, mesh: &SourceMesh, divisions: Vec<Division>, default_material: usize, chunks: &mut ChunkTable) -> DividedMesh {
+    fn take(
+        &mut self,
+        mesh: &SourceMesh,
+        divisions: Vec<Division>,
+        default_material: usize,
+        chunks: &mut ChunkTable,
+    ) -> DividedMesh {
         let mut parts = Vec::new();
         for (primitive, division) in mesh.primitives.iter().zip(divisions) {
             if division.pieces.is_empty() {
@@ -259,7 +265,13 @@ fn draft_leaves(placed: &[Placed], divided: &[DividedMesh]) -> Result<Vec<LeafDr
     Ok(leaves)
 }
 
-fn leaf_bounds(leaves: &[LeafDraft], placed: &[Placed], table: &PieceTable, chunks: &ChunkTable, progress: ProgressFn<'_>) -> Vec<Obb> {
+fn leaf_bounds(
+    leaves: &[LeafDraft],
+    placed: &[Placed],
+    table: &PieceTable,
+    chunks: &ChunkTable,
+    progress: ProgressFn<'_>,
+) -> Vec<Obb> {
     const LEAVES_AT_A_TIME: usize = 1 << 14;
     let mut bounds = Vec::with_capacity(leaves.len());
     for batch in leaves.chunks(LEAVES_AT_A_TIME) {
@@ -403,7 +415,7 @@ fn stand_in_png() -> Vec<u8> {
     const SIZE_PX: u32 = 64;
     const SQUARE_PX: u32 = 8;
     let checker = image::RgbImage::from_fn(SIZE_PX, SIZE_PX, |x, y| {
-        if (x / SQUARE_PX + y / SQUARE_PX) % 2 == 0 { image::Rgb([255, 0, 255]) } else { image::Rgb([96, 96, 96]) }
+        if (x / SQUARE_PX + y / SQUARE_PX).is_multiple_of(2) { image::Rgb([255, 0, 255]) } else { image::Rgb([96, 96, 96]) }
     });
     let mut png = Vec::new();
     // Encoding a small picture into memory does not fail; an empty chunk would be drawn as untextured.

@@ -42,8 +42,7 @@ pub(super) fn divide(primitive: &SourcePrimitive, max_triangles: u32) -> Divisio
         group_triangles(primitive, triangle_count, max_triangles)
     };
     let mut pieces: Vec<Piece> = groups.into_par_iter().map(|triangles| extract(primitive, triangles)).collect();
-    let boxes: Vec<Aabb> =
-        pieces.iter().map(|p| Aabb { min: p.local.0.as_dvec3(), max: p.local.1.as_dvec3() }).collect();
+    let boxes: Vec<Aabb> = pieces.iter().map(|p| Aabb { min: p.local.0.as_dvec3(), max: p.local.1.as_dvec3() }).collect();
     let tree = Tree::over(&boxes);
     let mut place = vec![0; pieces.len()];
     let mut nodes = tree.nodes;
@@ -69,12 +68,11 @@ fn group_triangles(primitive: &SourcePrimitive, triangle_count: u32, max_triangl
         let [a, b, c] = corners(t);
         (a.as_dvec3() + b.as_dvec3() + c.as_dvec3()) / 3.0
     };
-    let bounds = primitive.positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)));
+    let bounds =
+        primitive.positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)));
     let size = (bounds.1.as_dvec3() - bounds.0.as_dvec3()).max_element().max(f64::MIN_POSITIVE);
-    let mut order: Vec<(u32, u32)> = (0..triangle_count)
-        .into_par_iter()
-        .map(|t| (morton((barycentre(t) - bounds.0.as_dvec3()) / size), t))
-        .collect();
+    let mut order: Vec<(u32, u32)> =
+        (0..triangle_count).into_par_iter().map(|t| (morton((barycentre(t) - bounds.0.as_dvec3()) / size), t)).collect();
     order.par_sort_unstable();
     let run = (max_triangles / RUNS_PER_LEAF).max(1) as usize;
     let boxes: Vec<Aabb> = order
@@ -124,7 +122,10 @@ fn extract(primitive: &SourcePrimitive, triangles: Vec<u32>) -> Piece {
     let place = |v: &u32| vertex_ids.partition_point(|id| id < v) as u16;
     let indices = corners.map(place).collect();
     let positions: Vec<[f32; 3]> = vertex_ids.iter().map(|&v| primitive.positions[v as usize].to_array()).collect();
-    let local = positions.iter().map(|p| Vec3::from(*p)).fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)));
+    let local = positions
+        .iter()
+        .map(|p| Vec3::from(*p))
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)));
     let snorm = |n: Vec3| {
         let q = |c: f32| (c.clamp(-1.0, 1.0) * 127.0).round() as i8;
         [q(n.x), q(n.y), q(n.z), 0]
@@ -147,10 +148,12 @@ mod tests {
 
     /// A bumpy strip of `2n` triangles.
     fn strip(n: u32) -> SourcePrimitive {
-        let positions: Vec<Vec3> = (0..=n).flat_map(|i| {
-            let x = i as f32;
-            [Vec3::new(x, 0.0, (x * 0.7).sin()), Vec3::new(x, 2.0, (x * 0.3).cos())]
-        }).collect();
+        let positions: Vec<Vec3> = (0..=n)
+            .flat_map(|i| {
+                let x = i as f32;
+                [Vec3::new(x, 0.0, (x * 0.7).sin()), Vec3::new(x, 2.0, (x * 0.3).cos())]
+            })
+            .collect();
         let indices = (0..n).flat_map(|i| [2 * i, 2 * i + 2, 2 * i + 1, 2 * i + 1, 2 * i + 2, 2 * i + 3]).collect();
         SourcePrimitive { gltf_primitive: 0, positions, normals: None, uvs: None, colors: None, indices, material: None }
     }

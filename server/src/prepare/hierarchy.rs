@@ -96,7 +96,12 @@ impl HierarchyBuilder {
                     let draft = &self.drafts[id.0 as usize];
                     steps.push(Step::Leave(nodes.len()));
                     let start = leaves.len() as u32;
-                    nodes.push(OhNode { bound: draft.bound, subtree_end: 0, leaves: LeafRange::new(start, start), object: draft.object });
+                    nodes.push(OhNode {
+                        bound: draft.bound,
+                        subtree_end: 0,
+                        leaves: LeafRange::new(start, start),
+                        object: draft.object,
+                    });
                     match &draft.content {
                         Content::Leaf(leaf) => leaves.push(*leaf),
                         Content::Children(children) => steps.extend(children.iter().rev().map(|c| Step::Enter(*c))),

@@ -71,8 +71,13 @@ mod tests {
     fn a_floor_is_cut_without_cracks() {
         let corners = [Vec3::ZERO, Vec3::new(10.0, 0.0, 0.0), Vec3::new(10.0, 0.0, 7.0), Vec3::new(0.0, 0.0, 7.0)];
         let mut floor = SourcePrimitive {
-            gltf_primitive: 0, positions: corners.to_vec(), normals: None, uvs: None, colors: None,
-            indices: vec![0, 2, 1, 0, 3, 2], material: None,
+            gltf_primitive: 0,
+            positions: corners.to_vec(),
+            normals: None,
+            uvs: None,
+            colors: None,
+            indices: vec![0, 2, 1, 0, 3, 2],
+            material: None,
         };
         let from = refine(&mut floor, 1.0).expect("it is larger than a metre");
         assert_eq!(from.len(), floor.indices.len() / 3);
@@ -91,7 +96,8 @@ mod tests {
         // Inside the floor every edge has two triangles: a T-junction would leave edges with one.
         for ((a, b), count) in edges {
             let (a, b) = (floor.positions[a as usize], floor.positions[b as usize]);
-            let border = [(a.x, b.x, 0.0), (a.x, b.x, 10.0), (a.z, b.z, 0.0), (a.z, b.z, 7.0)].iter().any(|(p, q, at)| p == at && q == at);
+            let border =
+                [(a.x, b.x, 0.0), (a.x, b.x, 10.0), (a.z, b.z, 0.0), (a.z, b.z, 7.0)].iter().any(|(p, q, at)| p == at && q == at);
             assert_eq!(count, if border { 1 } else { 2 }, "{a} {b}");
         }
         assert_eq!(refine(&mut floor, 1.0), None);

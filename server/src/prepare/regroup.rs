@@ -32,10 +32,8 @@ impl Tree {
         }
         // Centred, so that f32 keeps what tells neighbours apart.
         let origin = boxes.iter().fold(Aabb::EMPTY, |all, b| all.union(b)).center();
-        let single: Vec<obvhs::aabb::Aabb> = boxes
-            .iter()
-            .map(|b| obvhs::aabb::Aabb::new((b.min - origin).as_vec3a(), (b.max - origin).as_vec3a()))
-            .collect();
+        let single: Vec<obvhs::aabb::Aabb> =
+            boxes.iter().map(|b| obvhs::aabb::Aabb::new((b.min - origin).as_vec3a(), (b.max - origin).as_vec3a())).collect();
         let params = BvhBuildParams { max_prims_per_leaf: 1, pre_split: false, ..BvhBuildParams::medium_build() };
         let bvh = build_bvh2(&single, params, &mut Duration::default());
 

@@ -124,79 +124,39 @@ pub(super) struct Accessor<'a> {
 
 impl<'a> Accessor<'a> {
     /// Looks up and checks accessor `index`; `from` names the object that refers to it.
-    pub fn resolve(
-        asset: &'a Asset<'_>,
-        index: u64,
-        from: impl Display,
-    ) -> Result<Accessor<'a>, Fault> {
+    pub fn resolve(asset: &'a Asset<'_>, index: u64, from: impl Display) -> Result<Accessor<'a>, Fault> {
         let (index, raw) = resolve(&asset.json.accessors, index, "accessor", from)?;
         let place = format!("accessor {index}");
         let component = component(raw.component_type, &place)?;
-        let shape = raw
-            .shape
-            .as_deref()
-            .ok_or_else(|| invalid(&place, "type is missing"))?;
-        let shape = Shape::parse(shape)
-            .ok_or_else(|| invalid(&place, format_args!("type {shape:?} is not known")))?;
-        let count = raw
-            .count
-            .ok_or_else(|| invalid(&place, "count is missing"))?
-            .0;
+        let shape = raw.shape.as_deref().ok_or_else(|| invalid(&place, "type is missing"))?;
+        let shape = Shape::parse(shape).ok_or_else(|| invalid(&place, format_args!("type {shape:?} is not known")))?;
+        let count = raw.count.ok_or_else(|| invalid(&place, "count is missing"))?.0;
         if count == 0 {
             return Err(invalid(place, "count is 0, at least 1 is required"));
         }
         if raw.normalized && matches!(component, Component::U32 | Component::F32) {
-            return Err(invalid(
-                place,
-                "normalized is only for 8 and 16 bit integers",
-            ));
+            return Err(invalid(place, "normalized is only for 8 and 16 bit integers"));
         }
         let size = shape.bytes(component);
         let data = match raw.buffer_view {
             None => {
                 if count > MAX_ZERO_FILLED_ELEMENTS {
                     let reason = format!("count {count} without a bufferView");
-                    return Err(over_cap(
-                        place,
-                        reason,
-                        "MAX_ZERO_FILLED_ELEMENTS",
-                        MAX_ZERO_FILLED_ELEMENTS,
-                    ));
+                    return Err(over_cap(place, reason, "MAX_ZERO_FILLED_ELEMENTS", MAX_ZERO_FILLED_ELEMENTS));
                 }
                 Data::Zeros
             }
-            Some(view) => elements(
-                asset,
-                view.0,
-                raw.byte_offset.0,
-                count,
-                size,
-                Stride::OfView,
-                &place,
-            )?,
+            Some(view) => elements(asset, view.0, raw.byte_offset.0, count, size, Stride::OfView, &place)?,
         };
         if count > MAX_ACCESSOR_ELEMENTS {
-            return Err(over_cap(
-                place,
-                format!("count {count}"),
-                "MAX_ACCESSOR_ELEMENTS",
-                MAX_ACCESSOR_ELEMENTS,
-            ));
+            return Err(over_cap(place, format!("count {count}"), "MAX_ACCESSOR_ELEMENTS", MAX_ACCESSOR_ELEMENTS));
         }
         let sparse = match &raw.sparse {
             None => None,
             Some(sparse) => Some(Sparse::resolve(asset, sparse, count, size, &place)?),
         };
         // In range: below MAX_ACCESSOR_ELEMENTS.
-        Ok(Accessor {
-            index,
-            component,
-            shape,
-            normalized: raw.normalized,
-            count: count as usize,
-            data,
-            sparse,
-        })
+        Ok(Accessor { index, component, shape, normalized: raw.normalized, count: count as usize, data, sparse })
     }
 
     pub fn place(&self) -> String {
@@ -215,15 +175,11 @@ impl<'a> Accessor<'a> {
             }
             (Component::F32, _) => gather(s, f32::from_le_bytes),
             (Component::I8, false) => gather(s, |b| f32::from(i8::from_le_bytes(b))),
-            (Component::I8, true) => {
-                gather(s, |b| (f32::from(i8::from_le_bytes(b)) / 127.0).max(-1.0))
-            }
+            (Component::I8, true) => gather(s, |b| (f32::from(i8::from_le_bytes(b)) / 127.0).max(-1.0)),
             (Component::U8, false) => gather(s, |b| f32::from(u8::from_le_bytes(b))),
             (Component::U8, true) => gather(s, |b| f32::from(u8::from_le_bytes(b)) / 255.0),
             (Component::I16, false) => gather(s, |b| f32::from(i16::from_le_bytes(b))),
-            (Component::I16, true) => gather(s, |b| {
-                (f32::from(i16::from_le_bytes(b)) / 32767.0).max(-1.0)
-            }),
+            (Component::I16, true) => gather(s, |b| (f32::from(i16::from_le_bytes(b)) / 32767.0).max(-1.0)),
             (Component::U16, false) => gather(s, |b| f32::from(u16::from_le_bytes(b))),
             (Component::U16, true) => gather(s, |b| f32::from(u16::from_le_bytes(b)) / 65535.0),
             (Component::U32, _) => gather(s, |b| u32::from_le_bytes(b) as f32),
@@ -245,14 +201,9 @@ impl<'a> Accessor<'a> {
         read: impl Fn(Strided) -> Vec<[O; N]>,
     ) -> Result<Vec<[O; N]>, Fault> {
         if self.shape.components() != N {
-            return Err(invalid(
-                self.place(),
-                format_args!("type {:?}, {N} components were expected", self.shape),
-            ));
+            return Err(invalid(self.place(), format_args!("type {:?}, {N} components were expected", self.shape)));
         }
-        asset
-            .budget
-            .take(self.count, size_of::<[O; N]>(), || self.place())?;
+        asset.budget.take(self.count, size_of::<[O; N]>(), || self.place())?;
         let mut out = match self.data {
             Data::Zeros => vec![[O::default(); N]; self.count],
             Data::Here(strided) => read(strided),
@@ -260,10 +211,7 @@ impl<'a> Accessor<'a> {
         };
         if let Some(sparse) = &self.sparse {
             let values = read(sparse.values);
-            for ([k], value) in integers::<1>(sparse.indices, sparse.index_component)
-                .into_iter()
-                .zip(values)
-            {
+            for ([k], value) in integers::<1>(sparse.indices, sparse.index_component).into_iter().zip(values) {
                 // In range: checked when the accessor was resolved.
                 out[k as usize] = value;
             }
@@ -273,79 +221,40 @@ impl<'a> Accessor<'a> {
 }
 
 impl<'a> Sparse<'a> {
-    fn resolve(
-        asset: &'a Asset<'_>,
-        raw: &json::Sparse,
-        count: u64,
-        size: usize,
-        place: &str,
-    ) -> Result<Sparse<'a>, Fault> {
+    fn resolve(asset: &'a Asset<'_>, raw: &json::Sparse, count: u64, size: usize, place: &str) -> Result<Sparse<'a>, Fault> {
         let place = format!("{place} sparse");
         let replaced = raw.count.0;
         if replaced == 0 || replaced > count {
-            return Err(invalid(
-                place,
-                format_args!("count {replaced}, allowed are 1 to {count}"),
-            ));
+            return Err(invalid(place, format_args!("count {replaced}, allowed are 1 to {count}")));
         }
         let index_component = component(Some(raw.indices.component_type), &place)?;
-        if !matches!(
-            index_component,
-            Component::U8 | Component::U16 | Component::U32
-        ) {
+        if !matches!(index_component, Component::U8 | Component::U16 | Component::U32) {
             return Err(invalid(place, "indices must be unsigned integers"));
         }
-        let part = |view: u64, offset: u64, size: usize| match elements(
-            asset,
-            view,
-            offset,
-            replaced,
-            size,
-            Stride::Tight,
-            &place,
-        )? {
-            Data::Here(strided) => Ok(strided),
-            _ => Err(invalid(
-                &place,
-                format_args!("bufferView {view} has no data"),
-            )),
-        };
-        let indices = part(
-            raw.indices.buffer_view.0,
-            raw.indices.byte_offset.0,
-            index_component.bytes(),
-        )?;
+        let part =
+            |view: u64, offset: u64, size: usize| match elements(asset, view, offset, replaced, size, Stride::Tight, &place)? {
+                Data::Here(strided) => Ok(strided),
+                _ => Err(invalid(&place, format_args!("bufferView {view} has no data"))),
+            };
+        let indices = part(raw.indices.buffer_view.0, raw.indices.byte_offset.0, index_component.bytes())?;
         let values = part(raw.values.buffer_view.0, raw.values.byte_offset.0, size)?;
         let mut previous = None;
         for [index] in integers::<1>(indices, index_component) {
             if u64::from(index) >= count {
-                return Err(invalid(
-                    place,
-                    format_args!("index {index} is past the count {count}"),
-                ));
+                return Err(invalid(place, format_args!("index {index} is past the count {count}")));
             }
             if previous.is_some_and(|before| before >= index) {
-                return Err(invalid(
-                    place,
-                    format_args!("index {index} does not increase"),
-                ));
+                return Err(invalid(place, format_args!("index {index} does not increase")));
             }
             previous = Some(index);
         }
-        Ok(Sparse {
-            indices,
-            index_component,
-            values,
-        })
+        Ok(Sparse { indices, index_component, values })
     }
 }
 
 fn component(value: Option<json::Int>, place: &str) -> Result<Component, Fault> {
-    let value = value
-        .ok_or_else(|| invalid(place, "componentType is missing"))?
-        .0;
-    Component::parse(value)
-        .ok_or_else(|| invalid(place, format_args!("componentType {value} is not known")))
+    let value = value.ok_or_else(|| invalid(place, "componentType is missing"))?.0;
+    Component::parse(value).ok_or_else(|| invalid(place, format_args!("componentType {value} is not known")))
 }
 
 enum Stride {
@@ -363,25 +272,13 @@ fn elements<'a>(
     stride: Stride,
     place: &str,
 ) -> Result<Data<'a>, Fault> {
-    let (
-        v,
-        View {
-            bytes,
-            byte_length,
-            byte_stride,
-        },
-    ) = resolve(&asset.views, view, "bufferView", place)?;
+    let (v, View { bytes, byte_length, byte_stride }) = resolve(&asset.views, view, "bufferView", place)?;
     let stride = match stride {
         Stride::OfView => byte_stride.unwrap_or(size),
         Stride::Tight => size,
     };
     if stride < size {
-        return Err(invalid(
-            place,
-            format_args!(
-                "elements of {size} bytes overlap at bufferView {v}'s byteStride {stride}"
-            ),
-        ));
+        return Err(invalid(place, format_args!("elements of {size} bytes overlap at bufferView {v}'s byteStride {stride}")));
     }
     let end = (count - 1)
         .checked_mul(stride as u64)
@@ -391,19 +288,13 @@ fn elements<'a>(
         let needed = end.map_or("more than 2^64".to_string(), |end| end.to_string());
         return Err(invalid(
             place,
-            format_args!(
-                "count {count} needs {needed} bytes, but bufferView {v} has {byte_length} bytes"
-            ),
+            format_args!("count {count} needs {needed} bytes, but bufferView {v} has {byte_length} bytes"),
         ));
     }
     Ok(match bytes {
         // In range: `offset < end <= byte_length`, the slice's length.
         ViewBytes::Here(bytes) => {
-            let strided = Strided {
-                bytes: &bytes[offset as usize..],
-                stride,
-                count: count as usize,
-            };
+            let strided = Strided { bytes: &bytes[offset as usize..], stride, count: count as usize };
             Data::Here(strided)
         }
         ViewBytes::Absent => Data::Absent,
@@ -425,10 +316,7 @@ where
 }
 
 /// `N` components of `S` bytes from each element.
-fn gather<O, const N: usize, const S: usize>(
-    s: Strided,
-    convert: impl Fn([u8; S]) -> O,
-) -> Vec<[O; N]> {
+fn gather<O, const N: usize, const S: usize>(s: Strided, convert: impl Fn([u8; S]) -> O) -> Vec<[O; N]> {
     (0..s.count)
         .map(|k| {
             let element = &s.bytes[k * s.stride..][..N * S];

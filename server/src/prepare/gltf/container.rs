@@ -33,30 +33,16 @@ impl Container {
         if file.starts_with(MAGIC) {
             return split_glb(file);
         }
-        let start = if file.starts_with(b"\xEF\xBB\xBF") {
-            3
-        } else {
-            0
-        };
-        match file[start..]
-            .iter()
-            .find(|byte| !byte.is_ascii_whitespace())
-        {
+        let start = if file.starts_with(b"\xEF\xBB\xBF") { 3 } else { 0 };
+        match file[start..].iter().find(|byte| !byte.is_ascii_whitespace()) {
             Some(b'{') => {}
             _ => {
-                return Err(Fault::Json(
-                    "the file is neither GLB (no `glTF` magic) nor a JSON object".into(),
-                ));
+                return Err(Fault::Json("the file is neither GLB (no `glTF` magic) nor a JSON object".into()));
             }
         }
         let json = start..file.len();
         check_json_size(json.len())?;
-        Ok(Container {
-            file,
-            json,
-            bin: None,
-            warnings: Vec::new(),
-        })
+        Ok(Container { file, json, bin: None, warnings: Vec::new() })
     }
 
     pub fn json(&self) -> &[u8] {
@@ -71,26 +57,18 @@ impl Container {
 
 /// Reads a regular file of at most `cap` bytes.
 pub(super) fn read_bounded(path: &Path, cap: u64) -> Result<Vec<u8>, Fault> {
-    let fault = |reason: String| Fault::Io {
-        path: one_line(path.display()),
-        reason,
-    };
+    let fault = |reason: String| Fault::Io { path: one_line(path.display()), reason };
     // Metadata first: opening a FIFO would block.
     let meta = std::fs::metadata(path).map_err(|e| fault(e.to_string()))?;
     if !meta.is_file() {
         return Err(fault("not a regular file".into()));
     }
     if meta.len() > cap {
-        return Err(fault(format!(
-            "{} bytes, at most {cap} are read",
-            meta.len()
-        )));
+        return Err(fault(format!("{} bytes, at most {cap} are read", meta.len())));
     }
     let mut bytes = Vec::with_capacity(meta.len() as usize);
     let file = std::fs::File::open(path).map_err(|e| fault(e.to_string()))?;
-    file.take(cap)
-        .read_to_end(&mut bytes)
-        .map_err(|e| fault(e.to_string()))?;
+    file.take(cap).read_to_end(&mut bytes).map_err(|e| fault(e.to_string()))?;
     Ok(bytes)
 }
 
@@ -98,26 +76,17 @@ fn split_glb(file: Vec<u8>) -> Result<Container, Fault> {
     let fault = |reason: String| Err(Fault::Container(reason));
     let mut warnings = Vec::new();
     let (Some(version), Some(stated)) = (u32_at(&file, 4), u32_at(&file, 8)) else {
-        return fault(format!(
-            "{} bytes are too few for the header of {HEADER_BYTES}",
-            file.len()
-        ));
+        return fault(format!("{} bytes are too few for the header of {HEADER_BYTES}", file.len()));
     };
     if version != 2 {
         return fault(format!("container version {version}, only 2 is read"));
     }
     let stated = stated as usize;
     if stated > file.len() {
-        return fault(format!(
-            "truncated: the header states {stated} bytes, the file has {}",
-            file.len()
-        ));
+        return fault(format!("truncated: the header states {stated} bytes, the file has {}", file.len()));
     }
     if stated < file.len() {
-        warnings.push(format!(
-            "{} bytes after the GLB's end are ignored",
-            file.len() - stated
-        ));
+        warnings.push(format!("{} bytes after the GLB's end are ignored", file.len() - stated));
     }
     let (mut json, mut bin) = (None, None);
     let mut at = HEADER_BYTES;
@@ -130,32 +99,21 @@ fn split_glb(file: Vec<u8>) -> Result<Container, Fault> {
         let length = length as usize;
         let body = at + CHUNK_HEADER_BYTES;
         if length > stated - body {
-            return fault(format!(
-                "chunk {chunk}: states {length} bytes, {} are left",
-                stated - body
-            ));
+            return fault(format!("chunk {chunk}: states {length} bytes, {} are left", stated - body));
         }
         if !length.is_multiple_of(4) {
-            return fault(format!(
-                "chunk {chunk}: length {length} is not a multiple of 4"
-            ));
+            return fault(format!("chunk {chunk}: length {length} is not a multiple of 4"));
         }
         match (chunk, kind) {
             (0, CHUNK_JSON) => json = Some(body..body + length),
             (0, _) => {
-                return fault(format!(
-                    "chunk 0: type {kind:#010x}, the first chunk must be JSON"
-                ));
+                return fault(format!("chunk 0: type {kind:#010x}, the first chunk must be JSON"));
             }
             (1, CHUNK_BIN) => bin = Some(body..body + length),
             (_, CHUNK_JSON | CHUNK_BIN) => {
-                return fault(format!(
-                    "chunk {chunk}: a second or misplaced JSON or BIN chunk"
-                ));
+                return fault(format!("chunk {chunk}: a second or misplaced JSON or BIN chunk"));
             }
-            _ => warnings.push(format!(
-                "GLB chunk {chunk} of unknown type {kind:#010x} is ignored"
-            )),
+            _ => warnings.push(format!("GLB chunk {chunk} of unknown type {kind:#010x} is ignored")),
         }
         at = body + length;
         chunk += 1;
@@ -164,26 +122,16 @@ fn split_glb(file: Vec<u8>) -> Result<Container, Fault> {
         return fault("there is no JSON chunk".into());
     };
     check_json_size(json.len())?;
-    Ok(Container {
-        file,
-        json,
-        bin,
-        warnings,
-    })
+    Ok(Container { file, json, bin, warnings })
 }
 
 fn check_json_size(bytes: usize) -> Result<(), Fault> {
     if bytes as u64 > MAX_JSON_BYTES {
-        return Err(Fault::Json(format!(
-            "{bytes} bytes of JSON, at most {MAX_JSON_BYTES} are read"
-        )));
+        return Err(Fault::Json(format!("{bytes} bytes of JSON, at most {MAX_JSON_BYTES} are read")));
     }
     Ok(())
 }
 
 fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
-    bytes
-        .get(at..)
-        .and_then(|rest| rest.first_chunk())
-        .map(|word| u32::from_le_bytes(*word))
+    bytes.get(at..).and_then(|rest| rest.first_chunk()).map(|word| u32::from_le_bytes(*word))
 }

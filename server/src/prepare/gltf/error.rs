@@ -63,34 +63,17 @@ pub enum ImportErrorKind {
 pub(super) type Fault = ImportErrorKind;
 
 pub(super) fn invalid(place: impl Display, reason: impl Display) -> Fault {
-    Fault::Invalid {
-        place: one_line(place),
-        reason: one_line(reason),
-    }
+    Fault::Invalid { place: one_line(place), reason: one_line(reason) }
 }
 
-pub(super) fn over_cap(
-    place: impl Display,
-    reason: impl Display,
-    cap: &'static str,
-    limit: u64,
-) -> Fault {
-    Fault::Cap {
-        place: one_line(place),
-        reason: one_line(reason),
-        cap,
-        limit,
-    }
+pub(super) fn over_cap(place: impl Display, reason: impl Display, cap: &'static str, limit: u64) -> Fault {
+    Fault::Cap { place: one_line(place), reason: one_line(reason), cap, limit }
 }
 
 /// Text from a file made fit for one line: control characters replaced, length bounded.
 pub(super) fn one_line(text: impl Display) -> String {
     let text = text.to_string();
-    let mut line: String = text
-        .chars()
-        .take(MAX_QUOTED_CHARS)
-        .map(|c| if c.is_control() { ' ' } else { c })
-        .collect();
+    let mut line: String = text.chars().take(MAX_QUOTED_CHARS).map(|c| if c.is_control() { ' ' } else { c }).collect();
     if text.chars().nth(MAX_QUOTED_CHARS).is_some() {
         line.push('…');
     }
@@ -98,19 +81,9 @@ pub(super) fn one_line(text: impl Display) -> String {
 }
 
 /// The object that reference `index` names in `list`, or a fault that names both sides.
-pub(super) fn resolve<'l, T>(
-    list: &'l [T],
-    index: u64,
-    what: &'static str,
-    from: impl Display,
-) -> Result<(usize, &'l T), Fault> {
+pub(super) fn resolve<'l, T>(list: &'l [T], index: u64, what: &'static str, from: impl Display) -> Result<(usize, &'l T), Fault> {
     usize::try_from(index)
         .ok()
         .and_then(|k| list.get(k).map(|item| (k, item)))
-        .ok_or_else(|| {
-            invalid(
-                from,
-                format_args!("names {what} {index}, but the file has {}", list.len()),
-            )
-        })
+        .ok_or_else(|| invalid(from, format_args!("names {what} {index}, but the file has {}", list.len())))
 }

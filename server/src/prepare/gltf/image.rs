@@ -76,17 +76,11 @@ pub(super) fn load_all(
 }
 
 fn is_data(uri: &str) -> bool {
-    uri.get(..5)
-        .is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"))
+    uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"))
 }
 
 /// Outer error: the file is unsafe or broken. Inner error: the picture is missing or not one that we read.
-fn load(
-    asset: &Asset,
-    k: usize,
-    folder: &Path,
-    pixels_left: &mut u64,
-) -> Result<Result<SourceImage, String>, Fault> {
+fn load(asset: &Asset, k: usize, folder: &Path, pixels_left: &mut u64) -> Result<Result<SourceImage, String>, Fault> {
     let raw = &asset.json.images[k];
     let place = format!("image {k}");
     let bytes = match (&raw.uri, raw.buffer_view) {
@@ -116,19 +110,12 @@ fn load(
 }
 
 /// Recognises `bytes` by their magic, checks the size in the header, and decodes them once.
-fn prove(
-    bytes: Vec<u8>,
-    stated: Option<&str>,
-    pixels_left: &mut u64,
-) -> Result<SourceImage, String> {
+fn prove(bytes: Vec<u8>, stated: Option<&str>, pixels_left: &mut u64) -> Result<SourceImage, String> {
     let (format, mime) = match image::guess_format(&bytes) {
         Ok(image::ImageFormat::Png) => (image::ImageFormat::Png, ImageKind::Png),
         Ok(image::ImageFormat::Jpeg) => (image::ImageFormat::Jpeg, ImageKind::Jpeg),
         _ => {
-            return Err(format!(
-                "is neither PNG nor JPEG (stated: {})",
-                one_line(stated.unwrap_or("nothing"))
-            ));
+            return Err(format!("is neither PNG nor JPEG (stated: {})", one_line(stated.unwrap_or("nothing"))));
         }
     };
     let mut reader = image::ImageReader::with_format(Cursor::new(&bytes), format);
@@ -139,22 +126,12 @@ fn prove(
     let size = image::ImageReader::with_format(Cursor::new(&bytes), format).into_dimensions();
     let (width, height) = size.map_err(|e| one_line(format_args!("header: {e}")))?;
     if width > MAX_IMAGE_SIDE_PX || height > MAX_IMAGE_SIDE_PX {
-        return Err(format!(
-            "{width} x {height} pixels, at most {MAX_IMAGE_SIDE_PX} a side are read"
-        ));
+        return Err(format!("{width} x {height} pixels, at most {MAX_IMAGE_SIDE_PX} a side are read"));
     }
     let pixels = u64::from(width) * u64::from(height);
-    *pixels_left = pixels_left
-        .checked_sub(pixels)
-        .ok_or_else(|| format!("all textures together exceed {MAX_IMAGE_PIXELS} pixels"))?;
+    *pixels_left =
+        pixels_left.checked_sub(pixels).ok_or_else(|| format!("all textures together exceed {MAX_IMAGE_PIXELS} pixels"))?;
     reader.limits(limits);
-    reader
-        .decode()
-        .map_err(|e| one_line(format_args!("does not decode: {e}")))?;
-    Ok(SourceImage::Encoded {
-        bytes,
-        mime,
-        width,
-        height,
-    })
+    reader.decode().map_err(|e| one_line(format_args!("does not decode: {e}")))?;
+    Ok(SourceImage::Encoded { bytes, mime, width, height })
 }

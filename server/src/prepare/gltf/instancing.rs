@@ -9,12 +9,7 @@ use glam::{DAffine3, DQuat, DVec3};
 pub const MAX_INSTANCES: u64 = 1 << 24;
 
 /// `local_from_instance` of each instance; `left` is what remains of [`MAX_INSTANCES`].
-pub(super) fn read(
-    asset: &Asset,
-    raw: &Instancing,
-    node: &str,
-    left: &mut u64,
-) -> Result<Vec<DAffine3>, Fault> {
+pub(super) fn read(asset: &Asset, raw: &Instancing, node: &str, left: &mut u64) -> Result<Vec<DAffine3>, Fault> {
     let place = format!("{node} EXT_mesh_gpu_instancing");
     let attribute = |name: &str, shape: Shape| -> Result<Option<Accessor>, Fault> {
         let Some(index) = raw.attributes.get(name) else {
@@ -38,60 +33,31 @@ pub(super) fn read(
     let rotation = attribute("ROTATION", Shape::Vec4)?;
     let scale = attribute("SCALE", Shape::Vec3)?;
 
-    let counts = || {
-        [&translation, &rotation, &scale]
-            .into_iter()
-            .flatten()
-            .map(|a| a.count)
-    };
+    let counts = || [&translation, &rotation, &scale].into_iter().flatten().map(|a| a.count);
     let Some(count) = counts().next() else {
         return Ok(Vec::new());
     };
     if counts().any(|other| other != count) {
         return Err(invalid(place, "its attributes differ in count"));
     }
-    *left = left.checked_sub(count as u64).ok_or_else(|| {
-        over_cap(
-            &place,
-            format_args!("{count} more instances"),
-            "MAX_INSTANCES",
-            MAX_INSTANCES,
-        )
-    })?;
-    asset
-        .budget
-        .take(count, size_of::<DAffine3>(), || place.clone())?;
+    *left = left
+        .checked_sub(count as u64)
+        .ok_or_else(|| over_cap(&place, format_args!("{count} more instances"), "MAX_INSTANCES", MAX_INSTANCES))?;
+    asset.budget.take(count, size_of::<DAffine3>(), || place.clone())?;
 
     let translation = translation.map(|a| a.floats::<3>(asset)).transpose()?;
     let rotation = rotation.map(|a| a.floats::<4>(asset)).transpose()?;
     let scale = scale.map(|a| a.floats::<3>(asset)).transpose()?;
     (0..count)
         .map(|k| {
-            let translation = translation
-                .as_ref()
-                .map_or(DVec3::ZERO, |t| DVec3::from_array(t[k].map(f64::from)));
-            let scale = scale
-                .as_ref()
-                .map_or(DVec3::ONE, |s| DVec3::from_array(s[k].map(f64::from)));
-            let rotation = rotation
-                .as_ref()
-                .map_or(DQuat::IDENTITY, |r| DQuat::from_array(r[k].map(f64::from)));
+            let translation = translation.as_ref().map_or(DVec3::ZERO, |t| DVec3::from_array(t[k].map(f64::from)));
+            let scale = scale.as_ref().map_or(DVec3::ONE, |s| DVec3::from_array(s[k].map(f64::from)));
+            let rotation = rotation.as_ref().map_or(DQuat::IDENTITY, |r| DQuat::from_array(r[k].map(f64::from)));
             let length = rotation.length();
-            if !(length > f64::MIN_POSITIVE
-                && length.is_finite()
-                && translation.is_finite()
-                && scale.is_finite())
-            {
-                return Err(invalid(
-                    &place,
-                    format_args!("instance {k} has no finite transform"),
-                ));
+            if !(length > f64::MIN_POSITIVE && length.is_finite() && translation.is_finite() && scale.is_finite()) {
+                return Err(invalid(&place, format_args!("instance {k} has no finite transform")));
             }
-            Ok(DAffine3::from_scale_rotation_translation(
-                scale,
-                rotation.normalize(),
-                translation,
-            ))
+            Ok(DAffine3::from_scale_rotation_translation(scale, rotation.normalize(), translation))
         })
         .collect()
 }

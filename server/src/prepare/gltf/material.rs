@@ -47,10 +47,7 @@ pub(super) fn read_all(
 
 /// The metallic-roughness base colour; where only specular-glossiness is given, its diffuse colour.
 fn base_color(raw: &json::Material) -> (Option<[f64; 4]>, Option<&TextureInfo>) {
-    let glossy = raw
-        .extensions
-        .as_ref()
-        .and_then(|e| e.specular_glossiness.as_ref());
+    let glossy = raw.extensions.as_ref().and_then(|e| e.specular_glossiness.as_ref());
     match (&raw.pbr_metallic_roughness, glossy) {
         (Some(pbr), _) if pbr.base_color_factor.is_some() || pbr.base_color_texture.is_some() => {
             (pbr.base_color_factor, pbr.base_color_texture.as_ref())
@@ -62,9 +59,7 @@ fn base_color(raw: &json::Material) -> (Option<[f64; 4]>, Option<&TextureInfo>) 
 
 fn unit_color(color: [f64; 4], place: &str, warnings: &mut Vec<String>) -> [f32; 4] {
     if color.iter().any(|c| !(0.0..=1.0).contains(c)) {
-        warnings.push(format!(
-            "{place}: base colour {color:?} is clamped to 0 to 1"
-        ));
+        warnings.push(format!("{place}: base colour {color:?} is clamped to 0 to 1"));
     }
     color.map(|c| c.clamp(0.0, 1.0) as f32)
 }
@@ -76,17 +71,11 @@ fn alpha(raw: &json::Material, place: &str) -> Result<SourceAlpha, Fault> {
         Some("MASK") => {
             let cutoff = raw.alpha_cutoff.unwrap_or(DEFAULT_ALPHA_CUTOFF) as f32;
             if !cutoff.is_finite() || cutoff < 0.0 {
-                return Err(invalid(
-                    place,
-                    format_args!("alphaCutoff {cutoff} is negative or not finite"),
-                ));
+                return Err(invalid(place, format_args!("alphaCutoff {cutoff} is negative or not finite")));
             }
             Ok(SourceAlpha::Mask { cutoff })
         }
-        Some(other) => Err(invalid(
-            place,
-            format_args!("alphaMode {other:?}, allowed are OPAQUE, MASK, BLEND"),
-        )),
+        Some(other) => Err(invalid(place, format_args!("alphaMode {other:?}, allowed are OPAQUE, MASK, BLEND"))),
     }
 }
 
@@ -108,31 +97,18 @@ fn texture(
         None => None,
     };
     let Some((s, sampler)) = sampler else {
-        return Ok(SourceTexture {
-            image,
-            wrap_u: Wrap::Repeat,
-            wrap_v: Wrap::Repeat,
-            filter: Filter::Linear,
-        });
+        return Ok(SourceTexture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, filter: Filter::Linear });
     };
     let place = format!("sampler {s}");
     let filter = match sampler.mag_filter.map_or(LINEAR, |f| f.0) {
         NEAREST => Filter::Nearest,
         LINEAR => Filter::Linear,
         other => {
-            return Err(invalid(
-                place,
-                format_args!("magFilter {other} is not known"),
-            ));
+            return Err(invalid(place, format_args!("magFilter {other} is not known")));
         }
     };
     let (wrap_u, wrap_v) = (wrap(sampler.wrap_s, &place)?, wrap(sampler.wrap_t, &place)?);
-    Ok(SourceTexture {
-        image,
-        wrap_u,
-        wrap_v,
-        filter,
-    })
+    Ok(SourceTexture { image, wrap_u, wrap_v, filter })
 }
 
 fn wrap(value: Option<json::Int>, place: &str) -> Result<Wrap, Fault> {
@@ -140,37 +116,22 @@ fn wrap(value: Option<json::Int>, place: &str) -> Result<Wrap, Fault> {
         REPEAT => Ok(Wrap::Repeat),
         CLAMP_TO_EDGE => Ok(Wrap::Clamp),
         MIRRORED_REPEAT => Ok(Wrap::Mirror),
-        other => Err(invalid(
-            place,
-            format_args!("wrap mode {other} is not known"),
-        )),
+        other => Err(invalid(place, format_args!("wrap mode {other} is not known"))),
     }
 }
 
 /// `KHR_texture_transform`: scale, then rotate counterclockwise as seen with v downwards, then offset.
 fn uv_source(info: &TextureInfo, place: &str) -> Result<UvSource, Fault> {
     let Some(raw) = info.extensions.as_ref().and_then(|e| e.transform.as_ref()) else {
-        return Ok(UvSource {
-            set: info.tex_coord.0,
-            transform: None,
-        });
+        return Ok(UvSource { set: info.tex_coord.0, transform: None });
     };
-    let vec2 = |value: Option<[f64; 2]>, default: f32| {
-        value.map_or(Vec2::splat(default), |v| {
-            Vec2::from_array(v.map(|c| c as f32))
-        })
-    };
+    let vec2 =
+        |value: Option<[f64; 2]>, default: f32| value.map_or(Vec2::splat(default), |v| Vec2::from_array(v.map(|c| c as f32)));
     // The sign is the one that Khronos' TextureTransformTest model asks for.
     let rotation = Mat2::from_angle(-(raw.rotation.unwrap_or(0.0) as f32));
-    let transform = Affine2::from_mat2_translation(
-        rotation * Mat2::from_diagonal(vec2(raw.scale, 1.0)),
-        vec2(raw.offset, 0.0),
-    );
+    let transform = Affine2::from_mat2_translation(rotation * Mat2::from_diagonal(vec2(raw.scale, 1.0)), vec2(raw.offset, 0.0));
     if !transform.is_finite() {
         return Err(invalid(place, "KHR_texture_transform is not finite"));
     }
-    Ok(UvSource {
-        set: raw.tex_coord.unwrap_or(info.tex_coord).0,
-        transform: Some(transform),
-    })
+    Ok(UvSource { set: raw.tex_coord.unwrap_or(info.tex_coord).0, transform: Some(transform) })
 }

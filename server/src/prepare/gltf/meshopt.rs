@@ -29,22 +29,15 @@ pub(super) fn decode(
     let place = format!("{place} (meshopt)");
     let source = source_bytes(raw, buffers, &place)?;
     let (count, stride) = (raw.count.0, raw.byte_stride.0);
-    let decoded = count
-        .checked_mul(stride)
-        .filter(|bytes| *bytes == view_bytes);
+    let decoded = count.checked_mul(stride).filter(|bytes| *bytes == view_bytes);
     let Some(decoded) = decoded else {
         return Err(invalid(
             place,
-            format_args!(
-                "count {count} of byteStride {stride} is not the view's byteLength {view_bytes}"
-            ),
+            format_args!("count {count} of byteStride {stride} is not the view's byteLength {view_bytes}"),
         ));
     };
     if decoded > (source.len() as u64).saturating_mul(MAX_MESHOPT_RATIO) {
-        return Err(invalid(
-            place,
-            format_args!("{} bytes cannot hold {decoded} decoded ones", source.len()),
-        ));
+        return Err(invalid(place, format_args!("{} bytes cannot hold {decoded} decoded ones", source.len())));
     }
     // In range of usize: at most MAX_MESHOPT_RATIO times a slice that is in memory.
     let (count, stride) = (count as usize, stride as usize);
@@ -56,10 +49,7 @@ pub(super) fn decode(
         Some("EXPONENTIAL") => Filter::Exponential,
         Some("COLOR") => Filter::Color,
         Some(other) => {
-            return Err(invalid(
-                place,
-                format_args!("filter {other:?} is not known"),
-            ));
+            return Err(invalid(place, format_args!("filter {other:?} is not known")));
         }
     };
     let damaged = |_| invalid(&place, "the compressed bytes are damaged");
@@ -71,23 +61,15 @@ pub(super) fn decode(
                 Filter::Quaternion => stride == 8,
             };
             if stride == 0 || stride > 256 || !stride.is_multiple_of(4) || !fits {
-                return Err(invalid(
-                    place,
-                    format_args!("byteStride {stride} does not fit its mode and filter"),
-                ));
+                return Err(invalid(place, format_args!("byteStride {stride} does not fit its mode and filter")));
             }
             attributes(source, count, stride, filter).map_err(damaged)
         }
         mode @ ("TRIANGLES" | "INDICES") => {
-            if filter != Filter::None
-                || !(stride == 2 || stride == 4)
-                || (mode == "TRIANGLES" && !count.is_multiple_of(3))
-            {
+            if filter != Filter::None || !(stride == 2 || stride == 4) || (mode == "TRIANGLES" && !count.is_multiple_of(3)) {
                 return Err(invalid(
                     place,
-                    format_args!(
-                        "mode {mode} with byteStride {stride}, count {count} or a filter it cannot have"
-                    ),
+                    format_args!("mode {mode} with byteStride {stride}, count {count} or a filter it cannot have"),
                 ));
             }
             indices(source, count, stride, mode).map_err(damaged)
@@ -96,21 +78,12 @@ pub(super) fn decode(
     }
 }
 
-fn source_bytes<'b>(
-    raw: &Meshopt,
-    buffers: &'b [Option<Cow<[u8]>>],
-    place: &str,
-) -> Result<&'b [u8], Fault> {
+fn source_bytes<'b>(raw: &Meshopt, buffers: &'b [Option<Cow<[u8]>>], place: &str) -> Result<&'b [u8], Fault> {
     let buffer = raw.buffer.0;
     let bytes = usize::try_from(buffer)
         .ok()
         .and_then(|k| buffers.get(k))
-        .ok_or_else(|| {
-            invalid(
-                place,
-                format_args!("names buffer {buffer}, but the file has {}", buffers.len()),
-            )
-        })?
+        .ok_or_else(|| invalid(place, format_args!("names buffer {buffer}, but the file has {}", buffers.len())))?
         .as_ref()
         .ok_or_else(|| invalid(place, format_args!("buffer {buffer} has no data")))?;
     let (offset, length) = (raw.byte_offset.0, raw.byte_length.0);
@@ -119,13 +92,7 @@ fn source_bytes<'b>(
         .filter(|end| *end <= bytes.len() as u64)
         .map(|end| &bytes[offset as usize..end as usize])
         .ok_or_else(|| {
-            invalid(
-                place,
-                format_args!(
-                    "bytes {offset} + {length} lie past the {} bytes of buffer {buffer}",
-                    bytes.len()
-                ),
-            )
+            invalid(place, format_args!("bytes {offset} + {length} lie past the {} bytes of buffer {buffer}", bytes.len()))
         })
 }
 
@@ -152,40 +119,19 @@ impl<const N: usize> Default for Words<N> {
     }
 }
 
-fn attributes(
-    source: &[u8],
-    count: usize,
-    stride: usize,
-    filter: Filter,
-) -> meshopt::Result<Vec<u8>> {
-    fn words<const N: usize>(
-        source: &[u8],
-        count: usize,
-        filter: Filter,
-    ) -> meshopt::Result<Vec<u8>> {
+fn attributes(source: &[u8], count: usize, stride: usize, filter: Filter) -> meshopt::Result<Vec<u8>> {
+    fn words<const N: usize>(source: &[u8], count: usize, filter: Filter) -> meshopt::Result<Vec<u8>> {
         let vertices = meshopt::decode_vertex_buffer::<Words<N>>(source, count)?;
         let mut flat: Vec<u32> = vertices.iter().flat_map(|vertex| vertex.0).collect();
         drop(vertices);
         match (filter, N) {
             (Filter::None, _) => {}
-            (Filter::Octahedral, 1) => {
-                meshopt::decode_filter_oct::<i8>(bytemuck::cast_slice_mut(&mut flat))
-            }
-            (Filter::Octahedral, _) => {
-                meshopt::decode_filter_oct::<i16>(bytemuck::cast_slice_mut(&mut flat))
-            }
-            (Filter::Color, 1) => {
-                meshopt::decode_filter_color::<u8>(bytemuck::cast_slice_mut(&mut flat))
-            }
-            (Filter::Color, _) => {
-                meshopt::decode_filter_color::<u16>(bytemuck::cast_slice_mut(&mut flat))
-            }
-            (Filter::Quaternion, _) => {
-                meshopt::decode_filter_quat(bytemuck::cast_slice_mut(&mut flat))
-            }
-            (Filter::Exponential, _) => {
-                meshopt::decode_filter_exp::<1>(bytemuck::cast_slice_mut(&mut flat))
-            }
+            (Filter::Octahedral, 1) => meshopt::decode_filter_oct::<i8>(bytemuck::cast_slice_mut(&mut flat)),
+            (Filter::Octahedral, _) => meshopt::decode_filter_oct::<i16>(bytemuck::cast_slice_mut(&mut flat)),
+            (Filter::Color, 1) => meshopt::decode_filter_color::<u8>(bytemuck::cast_slice_mut(&mut flat)),
+            (Filter::Color, _) => meshopt::decode_filter_color::<u16>(bytemuck::cast_slice_mut(&mut flat)),
+            (Filter::Quaternion, _) => meshopt::decode_filter_quat(bytemuck::cast_slice_mut(&mut flat)),
+            (Filter::Exponential, _) => meshopt::decode_filter_exp::<1>(bytemuck::cast_slice_mut(&mut flat)),
         }
         Ok(bytemuck::cast_slice(&flat).to_vec())
     }

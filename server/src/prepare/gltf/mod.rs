@@ -21,9 +21,7 @@ mod validate;
 pub use accessor::{MAX_ACCESSOR_ELEMENTS, MAX_ZERO_FILLED_ELEMENTS};
 pub use container::{MAX_FILE_BYTES, MAX_JSON_BYTES};
 pub use error::{ImportError, ImportErrorKind};
-pub use image::{
-    MAX_IMAGE_DECODE_BYTES, MAX_IMAGE_FILE_BYTES, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE_PX,
-};
+pub use image::{MAX_IMAGE_DECODE_BYTES, MAX_IMAGE_FILE_BYTES, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE_PX};
 pub use instancing::MAX_INSTANCES;
 pub use nodes::MAX_NODE_DEPTH;
 pub use validate::{DECODED_BYTES_FLOOR, DECODED_BYTES_PER_BUFFER_BYTE, MAX_DECODED_BYTES};
@@ -212,18 +210,14 @@ pub enum SourceImage {
 /// Any breach of glTF 2.0 that would make the scene wrong or its reading unsafe, any required extension
 /// that is not read, any cap exceeded: one line in the error's `Display`.
 pub fn load(path: &Path, progress: ProgressFn) -> Result<SourceScene, ImportError> {
-    load_scene(path, progress).map_err(|kind| ImportError {
-        file: one_line(path.display()),
-        kind,
-    })
+    load_scene(path, progress).map_err(|kind| ImportError { file: one_line(path.display()), kind })
 }
 
 fn load_scene(path: &Path, progress: ProgressFn) -> Result<SourceScene, Fault> {
     progress("reading", 0, 1);
     let mut container = Container::read(path)?;
     let mut warnings = std::mem::take(&mut container.warnings);
-    let json: json::Root =
-        serde_json::from_slice(container.json()).map_err(|e| Fault::Json(one_line(e)))?;
+    let json: json::Root = serde_json::from_slice(container.json()).map_err(|e| Fault::Json(one_line(e)))?;
     validate::asset_header(&json, &mut warnings)?;
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -241,36 +235,16 @@ fn load_scene(path: &Path, progress: ProgressFn) -> Result<SourceScene, Fault> {
     let (meshes, images) = rayon::join(
         || decode_meshes(&asset, &uvs, progress, &mut warnings),
         || {
-            image::load_all(
-                &asset,
-                &table,
-                folder,
-                &mut image_warnings,
-                |done, total| {
-                    progress("checking textures", done as u64, total as u64);
-                },
-            )
+            image::load_all(&asset, &table, folder, &mut image_warnings, |done, total| {
+                progress("checking textures", done as u64, total as u64);
+            })
         },
     );
     let (mut meshes, images) = (meshes?, images?);
     warnings.append(&mut image_warnings);
-    skin::bake_all(
-        &asset,
-        &mut forest,
-        &worlds,
-        &uvs,
-        &mut meshes,
-        &mut warnings,
-    )?;
+    skin::bake_all(&asset, &mut forest, &worlds, &uvs, &mut meshes, &mut warnings)?;
 
-    let mut scene = SourceScene {
-        nodes: forest.nodes,
-        roots: forest.roots,
-        meshes,
-        materials,
-        images,
-        warnings,
-    };
+    let mut scene = SourceScene { nodes: forest.nodes, roots: forest.roots, meshes, materials, images, warnings };
     check_instanced_triangles(&scene)?;
     bound_warnings(&mut scene.warnings);
     Ok(scene)
@@ -290,11 +264,7 @@ fn decode_meshes(
         .map(|m| {
             let mut warnings = Vec::new();
             let mesh = primitive::decode_mesh(asset, uvs, m, None, &mut warnings);
-            progress(
-                "decoding meshes",
-                done.fetch_add(1, Ordering::Relaxed) + 1,
-                total,
-            );
+            progress("decoding meshes", done.fetch_add(1, Ordering::Relaxed) + 1, total);
             mesh.map(|mesh| (mesh, warnings))
         })
         .collect();
@@ -311,28 +281,16 @@ fn check_instanced_triangles(scene: &SourceScene) -> Result<(), Fault> {
     let triangles: Vec<u64> = scene
         .meshes
         .iter()
-        .map(|mesh| {
-            mesh.primitives
-                .iter()
-                .map(|primitive| primitive.indices.len() as u64 / 3)
-                .sum()
-        })
+        .map(|mesh| mesh.primitives.iter().map(|primitive| primitive.indices.len() as u64 / 3).sum())
         .collect();
     let mut total = 0u64;
     for (k, node) in scene.nodes.iter().enumerate() {
         let Some(mesh) = node.mesh else { continue };
         // No overflow: at most 2^24 instances, and meshes that are in memory.
-        total = total.saturating_add(
-            triangles[mesh as usize].saturating_mul(node.instances.len().max(1) as u64),
-        );
+        total = total.saturating_add(triangles[mesh as usize].saturating_mul(node.instances.len().max(1) as u64));
         if total > MAX_INSTANCED_TRIANGLES {
             let reason = "the triangles of all instances are too many";
-            return Err(over_cap(
-                format_args!("node {k}"),
-                reason,
-                "MAX_INSTANCED_TRIANGLES",
-                MAX_INSTANCED_TRIANGLES,
-            ));
+            return Err(over_cap(format_args!("node {k}"), reason, "MAX_INSTANCED_TRIANGLES", MAX_INSTANCED_TRIANGLES));
         }
     }
     Ok(())

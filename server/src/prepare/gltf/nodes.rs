@@ -40,9 +40,7 @@ pub(super) fn build(asset: &Asset, warnings: &mut Vec<String>) -> Result<Forest,
             resolve(&json.cameras, camera.0, "camera", place(json, k))?;
         }
         let instances = match raw.extensions.as_ref().and_then(|e| e.instancing.as_ref()) {
-            Some(instancing) if mesh.is_some() => {
-                instancing::read(asset, instancing, &place(json, k), &mut instances_left)?
-            }
+            Some(instancing) if mesh.is_some() => instancing::read(asset, instancing, &place(json, k), &mut instances_left)?,
             _ => Vec::new(),
         };
         nodes.push(SourceNode {
@@ -55,11 +53,7 @@ pub(super) fn build(asset: &Asset, warnings: &mut Vec<String>) -> Result<Forest,
             instances,
         });
     }
-    Ok(Forest {
-        nodes,
-        top_down,
-        roots,
-    })
+    Ok(Forest { nodes, top_down, roots })
 }
 
 /// `world_from_node` of every node; a fault where a product leaves the range of f64.
@@ -67,15 +61,10 @@ pub(super) fn worlds(forest: &Forest) -> Result<Vec<DAffine3>, Fault> {
     let mut worlds = vec![DAffine3::IDENTITY; forest.nodes.len()];
     for &k in &forest.top_down {
         let node = &forest.nodes[k as usize];
-        let parent = node
-            .parent
-            .map_or(DAffine3::IDENTITY, |p| worlds[p as usize]);
+        let parent = node.parent.map_or(DAffine3::IDENTITY, |p| worlds[p as usize]);
         let world = parent * node.parent_from_local;
         if !world.is_finite() {
-            return Err(invalid(
-                format_args!("node {k}"),
-                "its transform in the world is not finite",
-            ));
+            return Err(invalid(format_args!("node {k}"), "its transform in the world is not finite"));
         }
         worlds[k as usize] = world;
     }
@@ -85,10 +74,7 @@ pub(super) fn worlds(forest: &Forest) -> Result<Vec<DAffine3>, Fault> {
 /// `node 7 "roof"`.
 pub(super) fn place(json: &Root, k: usize) -> String {
     match json.nodes.get(k).and_then(|node| node.name.as_deref()) {
-        Some(name) => format!(
-            "node {k} {:?}",
-            one_line(name.chars().take(60).collect::<String>())
-        ),
+        Some(name) => format!("node {k} {:?}", one_line(name.chars().take(60).collect::<String>())),
         None => format!("node {k}"),
     }
 }
@@ -100,10 +86,7 @@ fn parents(json: &Root) -> Result<Vec<Option<u32>>, Fault> {
             let (c, _) = resolve(&json.nodes, child.0, "node", place(json, k))?;
             if let Some(first) = parents[c].replace(k as u32) {
                 let first = place(json, first as usize);
-                return Err(invalid(
-                    place(json, c),
-                    format_args!("has two parents, {first} and {}", place(json, k)),
-                ));
+                return Err(invalid(place(json, c), format_args!("has two parents, {first} and {}", place(json, k))));
             }
         }
     }
@@ -112,9 +95,7 @@ fn parents(json: &Root) -> Result<Vec<Option<u32>>, Fault> {
 
 /// Breadth first from the parentless nodes; what that never reaches hangs on a cycle.
 fn top_down(json: &Root, parents: &[Option<u32>]) -> Result<Vec<u32>, Fault> {
-    let mut order: Vec<u32> = (0..parents.len() as u32)
-        .filter(|k| parents[*k as usize].is_none())
-        .collect();
+    let mut order: Vec<u32> = (0..parents.len() as u32).filter(|k| parents[*k as usize].is_none()).collect();
     let mut level = 0..order.len();
     for depth in 1.. {
         if level.is_empty() {
@@ -123,21 +104,11 @@ fn top_down(json: &Root, parents: &[Option<u32>]) -> Result<Vec<u32>, Fault> {
         if depth > MAX_NODE_DEPTH {
             let reason = format!("lies deeper than {MAX_NODE_DEPTH} nodes");
             let place = place(json, order[level.start] as usize);
-            return Err(over_cap(
-                place,
-                reason,
-                "MAX_NODE_DEPTH",
-                MAX_NODE_DEPTH as u64,
-            ));
+            return Err(over_cap(place, reason, "MAX_NODE_DEPTH", MAX_NODE_DEPTH as u64));
         }
         let next = order.len();
         for at in level {
-            order.extend(
-                json.nodes[order[at] as usize]
-                    .children
-                    .iter()
-                    .map(|child| child.0 as u32),
-            );
+            order.extend(json.nodes[order[at] as usize].children.iter().map(|child| child.0 as u32));
         }
         level = next..order.len();
     }
@@ -151,13 +122,7 @@ fn top_down(json: &Root, parents: &[Option<u32>]) -> Result<Vec<u32>, Fault> {
             at = parents[at].map_or(at, |parent| parent as usize);
         }
         let parent = parents[at].map_or(at, |parent| parent as usize);
-        return Err(invalid(
-            place(json, at),
-            format_args!(
-                "is part of a cycle through its parent {}",
-                place(json, parent)
-            ),
-        ));
+        return Err(invalid(place(json, at), format_args!("is part of a cycle through its parent {}", place(json, parent))));
     }
     Ok(order)
 }
@@ -168,9 +133,7 @@ fn roots(json: &Root, parents: &[Option<u32>]) -> Result<Vec<u32>, Fault> {
         None => json.scenes.first().map(|scene| (0, scene)),
     };
     let Some((s, scene)) = chosen else {
-        return Ok((0..parents.len() as u32)
-            .filter(|k| parents[*k as usize].is_none())
-            .collect());
+        return Ok((0..parents.len() as u32).filter(|k| parents[*k as usize].is_none()).collect());
     };
     let mut listed = vec![false; parents.len()];
     let mut roots = Vec::with_capacity(scene.nodes.len());
@@ -184,35 +147,22 @@ fn roots(json: &Root, parents: &[Option<u32>]) -> Result<Vec<u32>, Fault> {
             ));
         }
         if std::mem::replace(&mut listed[k], true) {
-            return Err(invalid(
-                format_args!("scene {s}"),
-                format_args!("lists {} twice", place(json, k)),
-            ));
+            return Err(invalid(format_args!("scene {s}"), format_args!("lists {} twice", place(json, k))));
         }
         roots.push(k as u32);
     }
     Ok(roots)
 }
 
-fn transform(
-    raw: &json::Node,
-    place: impl Fn() -> String,
-    warnings: &mut Vec<String>,
-) -> Result<DAffine3, Fault> {
+fn transform(raw: &json::Node, place: impl Fn() -> String, warnings: &mut Vec<String>) -> Result<DAffine3, Fault> {
     let affine = if let Some(matrix) = &raw.matrix {
         let matrix = DMat4::from_cols_array(matrix);
         let stray = matrix.row(3) - glam::DVec4::W;
         if stray.abs().max_element() > AFFINE_TOLERANCE {
-            return Err(invalid(
-                place(),
-                format_args!("matrix is not affine, its last row is {}", matrix.row(3)),
-            ));
+            return Err(invalid(place(), format_args!("matrix is not affine, its last row is {}", matrix.row(3))));
         }
         if raw.translation.is_some() || raw.rotation.is_some() || raw.scale.is_some() {
-            warnings.push(format!(
-                "{}: has a matrix and TRS, the matrix is used",
-                place()
-            ));
+            warnings.push(format!("{}: has a matrix and TRS, the matrix is used", place()));
         }
         DAffine3::from_mat4(matrix)
     } else {
@@ -221,16 +171,10 @@ fn transform(
         let mut rotation = raw.rotation.map_or(DQuat::IDENTITY, DQuat::from_array);
         let length = rotation.length();
         if !(length > f64::MIN_POSITIVE && length.is_finite()) {
-            return Err(invalid(
-                place(),
-                format_args!("rotation {rotation} has no direction"),
-            ));
+            return Err(invalid(place(), format_args!("rotation {rotation} has no direction")));
         }
         if (length - 1.0).abs() > UNIT_TOLERANCE {
-            warnings.push(format!(
-                "{}: rotation of length {length} is normalised",
-                place()
-            ));
+            warnings.push(format!("{}: rotation of length {length} is normalised", place()));
         }
         rotation = rotation.normalize();
         DAffine3::from_scale_rotation_translation(scale, rotation, translation)

@@ -26,26 +26,13 @@ pub(super) fn decode_mesh(
     let weights = weights.or(raw.weights.as_deref()).unwrap_or(&[]);
     let mut primitives = Vec::with_capacity(raw.primitives.len());
     for (p, primitive) in raw.primitives.iter().enumerate() {
-        let job = Job {
-            asset,
-            raw: primitive,
-            weights,
-            place: format!("mesh {m} primitive {p}"),
-        };
+        let job = Job { asset, raw: primitive, weights, place: format!("mesh {m} primitive {p}") };
         primitives.extend(job.decode(p, uvs, warnings)?);
     }
-    if raw
-        .primitives
-        .iter()
-        .any(|primitive| !primitive.targets.is_empty())
-    {
+    if raw.primitives.iter().any(|primitive| !primitive.targets.is_empty()) {
         warnings.push(format!("mesh {m}: morph targets are drawn at rest"));
     }
-    Ok(SourceMesh {
-        name: raw.name.clone(),
-        gltf_mesh: m as u32,
-        primitives,
-    })
+    Ok(SourceMesh { name: raw.name.clone(), gltf_mesh: m as u32, primitives })
 }
 
 struct Job<'j> {
@@ -56,29 +43,13 @@ struct Job<'j> {
 }
 
 impl Job<'_> {
-    fn decode(
-        &self,
-        p: usize,
-        uvs: &[Option<UvSource>],
-        warnings: &mut Vec<String>,
-    ) -> Result<Option<SourcePrimitive>, Fault> {
+    fn decode(&self, p: usize, uvs: &[Option<UvSource>], warnings: &mut Vec<String>) -> Result<Option<SourcePrimitive>, Fault> {
         let mode = self.raw.mode.map_or(MODE_TRIANGLES, |mode| mode.0);
         if mode > MODE_TRIANGLE_FAN {
-            return Err(invalid(
-                &self.place,
-                format_args!("mode {mode}, allowed are 0 to 6"),
-            ));
+            return Err(invalid(&self.place, format_args!("mode {mode}, allowed are 0 to 6")));
         }
         let material = match self.raw.material {
-            Some(material) => Some(
-                resolve(
-                    &self.asset.json.materials,
-                    material.0,
-                    "material",
-                    &self.place,
-                )?
-                .0,
-            ),
+            Some(material) => Some(resolve(&self.asset.json.materials, material.0, "material", &self.place)?.0),
             None => None,
         };
         let Some(accessor) = self.attribute("POSITION")? else {
@@ -93,14 +64,9 @@ impl Job<'_> {
         let mut normals = self.normals(positions.len(), warnings)?;
         self.morph(&mut positions, normals.as_mut())?;
         if let Some(at) = positions.iter().position(|position| !position.is_finite()) {
-            return Err(invalid(
-                &self.place,
-                format_args!("POSITION {at} is {}, not finite", positions[at]),
-            ));
+            return Err(invalid(&self.place, format_args!("POSITION {at} is {}, not finite", positions[at])));
         }
-        let uv_source = material
-            .and_then(|material| uvs.get(material))
-            .and_then(Option::as_ref);
+        let uv_source = material.and_then(|material| uvs.get(material)).and_then(Option::as_ref);
         let uvs = match uv_source {
             Some(source) => self.uvs(source, positions.len(), warnings)?,
             None => None,
@@ -120,35 +86,18 @@ impl Job<'_> {
 
     fn attribute(&self, name: &str) -> Result<Option<Accessor<'_>>, Fault> {
         let index = self.raw.attributes.get(name);
-        index
-            .map(|index| {
-                Accessor::resolve(self.asset, index.0, format_args!("{} {name}", self.place))
-            })
-            .transpose()
+        index.map(|index| Accessor::resolve(self.asset, index.0, format_args!("{} {name}", self.place))).transpose()
     }
 
     fn refuse(&self, accessor: &Accessor, name: &str, needs: &str) -> Fault {
-        let normalized = if accessor.normalized {
-            " normalized"
-        } else {
-            ""
-        };
-        let found = format!(
-            "{:?} of{normalized} {:?}",
-            accessor.shape, accessor.component
-        );
-        invalid(
-            accessor.place(),
-            format_args!("{name} of {} is {found}, needs {needs}", self.place),
-        )
+        let normalized = if accessor.normalized { " normalized" } else { "" };
+        let found = format!("{:?} of{normalized} {:?}", accessor.shape, accessor.component);
+        invalid(accessor.place(), format_args!("{name} of {} is {found}, needs {needs}", self.place))
     }
 
     fn same_count(&self, accessor: &Accessor, name: &str, count: usize) -> Result<(), Fault> {
         if accessor.count != count {
-            let reason = format!(
-                "{name} has {} elements, POSITION has {count}",
-                accessor.count
-            );
+            let reason = format!("{name} has {} elements, POSITION has {count}", accessor.count);
             return Err(invalid(&self.place, reason));
         }
         Ok(())
@@ -164,22 +113,14 @@ impl Job<'_> {
                 return Err(self.refuse(&accessor, "POSITION", "floats, or 8 or 16 bit integers"));
             }
             _ if !self.asset.quantized => {
-                return Err(self.refuse(
-                    &accessor,
-                    "POSITION",
-                    "floats, or the extension KHR_mesh_quantization",
-                ));
+                return Err(self.refuse(&accessor, "POSITION", "floats, or the extension KHR_mesh_quantization"));
             }
             _ => {}
         }
         accessor.floats::<3>(self.asset).map(cast_vec)
     }
 
-    fn normals(
-        &self,
-        count: usize,
-        warnings: &mut Vec<String>,
-    ) -> Result<Option<Vec<Vec3>>, Fault> {
+    fn normals(&self, count: usize, warnings: &mut Vec<String>) -> Result<Option<Vec<Vec3>>, Fault> {
         let Some(accessor) = self.attribute("NORMAL")? else {
             return Ok(None);
         };
@@ -189,11 +130,7 @@ impl Job<'_> {
             _ => false,
         };
         if accessor.shape != Shape::Vec3 || !typed {
-            return Err(self.refuse(
-                &accessor,
-                "NORMAL",
-                "VEC3 of floats, or normalized I8 or I16 with KHR_mesh_quantization",
-            ));
+            return Err(self.refuse(&accessor, "NORMAL", "VEC3 of floats, or normalized I8 or I16 with KHR_mesh_quantization"));
         }
         self.same_count(&accessor, "NORMAL", count)?;
         let mut normals: Vec<Vec3> = cast_vec(accessor.floats::<3>(self.asset)?);
@@ -203,27 +140,16 @@ impl Job<'_> {
             replaced += 1;
         }
         if replaced > 0 {
-            warnings.push(format!(
-                "{}: {replaced} normals that are not finite become zero",
-                self.place
-            ));
+            warnings.push(format!("{}: {replaced} normals that are not finite become zero", self.place));
         }
         Ok(Some(normals))
     }
 
     /// Adds the weighted morph targets: glTF 2.0 specification, section 3.7.2.2.
-    fn morph(
-        &self,
-        positions: &mut [Vec3],
-        mut normals: Option<&mut Vec<Vec3>>,
-    ) -> Result<(), Fault> {
+    fn morph(&self, positions: &mut [Vec3], mut normals: Option<&mut Vec<Vec3>>) -> Result<(), Fault> {
         let targets = &self.raw.targets;
         if !self.weights.is_empty() && !targets.is_empty() && self.weights.len() != targets.len() {
-            let reason = format!(
-                "{} morph targets, but {} weights",
-                targets.len(),
-                self.weights.len()
-            );
+            let reason = format!("{} morph targets, but {} weights", targets.len(), self.weights.len());
             return Err(invalid(&self.place, reason));
         }
         for (t, (target, &weight)) in targets.iter().zip(self.weights).enumerate() {
@@ -235,18 +161,10 @@ impl Job<'_> {
                     return Ok(());
                 };
                 let name = format!("target {t} {name}");
-                let accessor =
-                    Accessor::resolve(self.asset, index.0, format_args!("{} {name}", self.place))?;
-                let integers = matches!(accessor.component, Component::I8 | Component::I16)
-                    && self.asset.quantized;
-                if accessor.shape != Shape::Vec3
-                    || !(accessor.component == Component::F32 || integers)
-                {
-                    return Err(self.refuse(
-                        &accessor,
-                        &name,
-                        "VEC3 of floats, or I8 or I16 with KHR_mesh_quantization",
-                    ));
+                let accessor = Accessor::resolve(self.asset, index.0, format_args!("{} {name}", self.place))?;
+                let integers = matches!(accessor.component, Component::I8 | Component::I16) && self.asset.quantized;
+                if accessor.shape != Shape::Vec3 || !(accessor.component == Component::F32 || integers) {
+                    return Err(self.refuse(&accessor, &name, "VEC3 of floats, or I8 or I16 with KHR_mesh_quantization"));
                 }
                 self.same_count(&accessor, &name, onto.len())?;
                 for (value, delta) in onto.iter_mut().zip(accessor.floats::<3>(self.asset)?) {
@@ -262,12 +180,7 @@ impl Job<'_> {
         Ok(())
     }
 
-    fn uvs(
-        &self,
-        source: &UvSource,
-        count: usize,
-        warnings: &mut Vec<String>,
-    ) -> Result<Option<Vec<Vec2>>, Fault> {
+    fn uvs(&self, source: &UvSource, count: usize, warnings: &mut Vec<String>) -> Result<Option<Vec<Vec2>>, Fault> {
         let name = format!("TEXCOORD_{}", source.set);
         let Some(accessor) = self.attribute(&name)? else {
             return Ok(None);
@@ -279,17 +192,12 @@ impl Job<'_> {
             Component::U32 => false,
         };
         if accessor.shape != Shape::Vec2 || !typed {
-            return Err(self.refuse(
-                &accessor,
-                &name,
-                "VEC2 of floats or normalized U8 or U16, or KHR_mesh_quantization",
-            ));
+            return Err(self.refuse(&accessor, &name, "VEC2 of floats or normalized U8 or U16, or KHR_mesh_quantization"));
         }
         self.same_count(&accessor, &name, count)?;
         let mut uvs: Vec<Vec2> = cast_vec(accessor.floats::<2>(self.asset)?);
         if let Some(transform) = source.transform {
-            uvs.iter_mut()
-                .for_each(|uv| *uv = transform.transform_point2(*uv));
+            uvs.iter_mut().for_each(|uv| *uv = transform.transform_point2(*uv));
         }
         let mut replaced = 0;
         for uv in uvs.iter_mut().filter(|uv| !uv.is_finite()) {
@@ -297,10 +205,7 @@ impl Job<'_> {
             replaced += 1;
         }
         if replaced > 0 {
-            warnings.push(format!(
-                "{}: {replaced} {name} that are not finite become zero",
-                self.place
-            ));
+            warnings.push(format!("{}: {replaced} {name} that are not finite become zero", self.place));
         }
         Ok(Some(uvs))
     }
@@ -310,16 +215,10 @@ impl Job<'_> {
         let Some(mut accessor) = self.attribute("COLOR_0")? else {
             return Ok(None);
         };
-        if !matches!(
-            accessor.component,
-            Component::F32 | Component::U8 | Component::U16
-        ) || !matches!(accessor.shape, Shape::Vec3 | Shape::Vec4)
+        if !matches!(accessor.component, Component::F32 | Component::U8 | Component::U16)
+            || !matches!(accessor.shape, Shape::Vec3 | Shape::Vec4)
         {
-            return Err(self.refuse(
-                &accessor,
-                "COLOR_0",
-                "VEC3 or VEC4 of floats or normalized U8 or U16",
-            ));
+            return Err(self.refuse(&accessor, "COLOR_0", "VEC3 or VEC4 of floats or normalized U8 or U16"));
         }
         self.same_count(&accessor, "COLOR_0", count)?;
         accessor.normalized = accessor.component != Component::F32;
@@ -327,34 +226,18 @@ impl Job<'_> {
         let unorm8 = |value: f32| (value * 255.0).round() as u8;
         Ok(Some(if accessor.shape == Shape::Vec3 {
             let colors = accessor.floats::<3>(self.asset)?;
-            colors
-                .into_iter()
-                .map(|[r, g, b]| [unorm8(r), unorm8(g), unorm8(b), 255])
-                .collect()
+            colors.into_iter().map(|[r, g, b]| [unorm8(r), unorm8(g), unorm8(b), 255]).collect()
         } else {
-            accessor
-                .floats::<4>(self.asset)?
-                .into_iter()
-                .map(|color| color.map(unorm8))
-                .collect()
+            accessor.floats::<4>(self.asset)?.into_iter().map(|color| color.map(unorm8)).collect()
         }))
     }
 
-    fn indices(
-        &self,
-        mode: u64,
-        vertices: usize,
-        warnings: &mut Vec<String>,
-    ) -> Result<Vec<u32>, Fault> {
+    fn indices(&self, mode: u64, vertices: usize, warnings: &mut Vec<String>) -> Result<Vec<u32>, Fault> {
         let corners = match self.raw.indices {
             None => None,
             Some(index) => {
-                let accessor =
-                    Accessor::resolve(self.asset, index.0, format_args!("{} indices", self.place))?;
-                let typed = matches!(
-                    accessor.component,
-                    Component::U8 | Component::U16 | Component::U32
-                );
+                let accessor = Accessor::resolve(self.asset, index.0, format_args!("{} indices", self.place))?;
+                let typed = matches!(accessor.component, Component::U8 | Component::U16 | Component::U32);
                 if accessor.shape != Shape::Scalar || accessor.normalized || !typed {
                     return Err(self.refuse(&accessor, "indices", "SCALAR of unsigned integers"));
                 }
@@ -362,14 +245,8 @@ impl Job<'_> {
                 // A fold without early exit vectorises; the search runs only to name the culprit.
                 let largest = corners.iter().copied().fold(0, u32::max);
                 if largest as usize >= vertices {
-                    let at = corners
-                        .iter()
-                        .position(|c| *c as usize >= vertices)
-                        .unwrap_or(0);
-                    let reason = format!(
-                        "index {at} of {} is {}, but there are {vertices} vertices",
-                        self.place, corners[at]
-                    );
+                    let at = corners.iter().position(|c| *c as usize >= vertices).unwrap_or(0);
+                    let reason = format!("index {at} of {} is {}, but there are {vertices} vertices", self.place, corners[at]);
                     return Err(invalid(accessor.place(), reason));
                 }
                 Some(corners)
@@ -378,10 +255,7 @@ impl Job<'_> {
         let count = corners.as_ref().map_or(vertices, Vec::len);
         if mode == MODE_TRIANGLES {
             if !count.is_multiple_of(3) {
-                warnings.push(format!(
-                    "{}: {count} corners are no whole number of triangles",
-                    self.place
-                ));
+                warnings.push(format!("{}: {count} corners are no whole number of triangles", self.place));
             }
             let whole = count - count % 3;
             return match corners {
@@ -396,9 +270,7 @@ impl Job<'_> {
             };
         }
         let triangles = count.saturating_sub(2);
-        self.asset
-            .budget
-            .take(triangles, 12, || self.place.clone())?;
+        self.asset.budget.take(triangles, 12, || self.place.clone())?;
         let corner = |k: usize| corners.as_ref().map_or(k as u32, |corners| corners[k]);
         // Corner order by the glTF 2.0 specification, section 3.7.2.1.
         let list = (0..triangles).flat_map(|k| {

@@ -25,17 +25,9 @@ pub(super) fn bake_all(
             continue;
         };
         let gltf_mesh = &asset.json.meshes[mesh as usize];
-        let skin = raw.skin.filter(|_| {
-            gltf_mesh
-                .primitives
-                .iter()
-                .any(|p| p.attributes.contains_key("JOINTS_0"))
-        });
+        let skin = raw.skin.filter(|_| gltf_mesh.primitives.iter().any(|p| p.attributes.contains_key("JOINTS_0")));
         let morphed = gltf_mesh.primitives.iter().any(|p| !p.targets.is_empty());
-        let weights = raw
-            .weights
-            .as_deref()
-            .filter(|weights| morphed && Some(*weights) != gltf_mesh.weights.as_deref());
+        let weights = raw.weights.as_deref().filter(|weights| morphed && Some(*weights) != gltf_mesh.weights.as_deref());
         if skin.is_none() && weights.is_none() {
             continue;
         }
@@ -51,9 +43,7 @@ pub(super) fn bake_all(
                 }
                 warnings.push(format!("{place}: its skin is drawn at rest"));
             } else {
-                warnings.push(format!(
-                    "{place}: its transform has no inverse, its skin is ignored"
-                ));
+                warnings.push(format!("{place}: its transform has no inverse, its skin is ignored"));
             }
         }
         forest.nodes[k].mesh = Some(meshes.len() as u32);
@@ -69,22 +59,14 @@ struct Skin {
 }
 
 impl Skin {
-    fn read(
-        asset: &Asset,
-        index: u64,
-        node_from_world: &DAffine3,
-        worlds: &[DAffine3],
-    ) -> Result<Skin, Fault> {
+    fn read(asset: &Asset, index: u64, node_from_world: &DAffine3, worlds: &[DAffine3]) -> Result<Skin, Fault> {
         let (index, raw) = resolve(&asset.json.skins, index, "skin", "node")?;
         let place = format!("skin {index}");
         let inverse_binds = match raw.inverse_bind_matrices {
             None => None,
             Some(accessor) => {
                 let accessor = Accessor::resolve(asset, accessor.0, &place)?;
-                if accessor.shape != Shape::Mat4
-                    || accessor.component != Component::F32
-                    || accessor.count < raw.joints.len()
-                {
+                if accessor.shape != Shape::Mat4 || accessor.component != Component::F32 || accessor.count < raw.joints.len() {
                     let reason = format!(
                         "inverseBindMatrices of {place} must be MAT4 of floats, one for each of {} joints",
                         raw.joints.len()
@@ -97,15 +79,12 @@ impl Skin {
         let mut joints = Vec::with_capacity(raw.joints.len());
         for (j, joint) in raw.joints.iter().enumerate() {
             let (node, _) = resolve(&asset.json.nodes, joint.0, "node", &place)?;
-            let inverse_bind = inverse_binds.as_ref().map_or(DAffine3::IDENTITY, |all| {
-                DAffine3::from_mat4(DMat4::from_cols_array(&all[j].map(f64::from)))
-            });
+            let inverse_bind = inverse_binds
+                .as_ref()
+                .map_or(DAffine3::IDENTITY, |all| DAffine3::from_mat4(DMat4::from_cols_array(&all[j].map(f64::from))));
             let matrix = *node_from_world * worlds[node] * inverse_bind;
             if !matrix.is_finite() {
-                return Err(invalid(
-                    place,
-                    format_args!("joint {j} has a matrix that is not finite"),
-                ));
+                return Err(invalid(place, format_args!("joint {j} has a matrix that is not finite")));
             }
             joints.push(matrix);
         }
@@ -117,35 +96,24 @@ impl Skin {
         let attributes = &asset.json.meshes[mesh as usize].primitives[p].attributes;
         let place = format!("mesh {mesh} primitive {p}");
         let count = primitive.positions.len();
-        asset
-            .budget
-            .take(count, size_of::<DAffine3>() + size_of::<f64>(), || {
-                place.clone()
-            })?;
+        asset.budget.take(count, size_of::<DAffine3>() + size_of::<f64>(), || place.clone())?;
         let mut sums = vec![(DAffine3::ZERO, 0.0f64); count];
         for set in 0.. {
-            let (Some(joints), Some(weights)) = (
-                attributes.get(&format!("JOINTS_{set}")),
-                attributes.get(&format!("WEIGHTS_{set}")),
-            ) else {
+            let (Some(joints), Some(weights)) =
+                (attributes.get(&format!("JOINTS_{set}")), attributes.get(&format!("WEIGHTS_{set}")))
+            else {
                 break;
             };
             let joints = Accessor::resolve(asset, joints.0, &place)?;
             let weights = Accessor::resolve(asset, weights.0, &place)?;
-            let joints_typed =
-                matches!(joints.component, Component::U8 | Component::U16) && !joints.normalized;
+            let joints_typed = matches!(joints.component, Component::U8 | Component::U16) && !joints.normalized;
             let weights_typed = match weights.component {
                 Component::F32 => true,
                 Component::U8 | Component::U16 => weights.normalized,
                 _ => false,
             };
             let shaped = joints.shape == Shape::Vec4 && weights.shape == Shape::Vec4;
-            if !(shaped
-                && joints_typed
-                && weights_typed
-                && joints.count == count
-                && weights.count == count)
-            {
+            if !(shaped && joints_typed && weights_typed && joints.count == count && weights.count == count) {
                 let reason = format!(
                     "JOINTS_{set} must be {count} VEC4 of U8 or U16, WEIGHTS_{set} {count} VEC4 of floats or normalized U8 or U16"
                 );
@@ -153,20 +121,9 @@ impl Skin {
             }
             let (joints, weights) = (joints.integers::<4>(asset)?, weights.floats::<4>(asset)?);
             for (sum, (joints, weights)) in sums.iter_mut().zip(joints.into_iter().zip(weights)) {
-                for (joint, weight) in joints
-                    .into_iter()
-                    .zip(weights)
-                    .filter(|(_, weight)| *weight != 0.0)
-                {
+                for (joint, weight) in joints.into_iter().zip(weights).filter(|(_, weight)| *weight != 0.0) {
                     let matrix = self.joints.get(joint as usize).ok_or_else(|| {
-                        invalid(
-                            &place,
-                            format_args!(
-                                "names joint {joint}, but skin {} has {}",
-                                self.index,
-                                self.joints.len()
-                            ),
-                        )
+                        invalid(&place, format_args!("names joint {joint}, but skin {} has {}", self.index, self.joints.len()))
                     })?;
                     let weight = f64::from(weight);
                     sum.0.matrix3 += matrix.matrix3 * weight;
@@ -178,12 +135,7 @@ impl Skin {
         self.apply(&sums, primitive, &place)
     }
 
-    fn apply(
-        &self,
-        sums: &[(DAffine3, f64)],
-        primitive: &mut SourcePrimitive,
-        place: &str,
-    ) -> Result<(), Fault> {
+    fn apply(&self, sums: &[(DAffine3, f64)], primitive: &mut SourcePrimitive, place: &str) -> Result<(), Fault> {
         for (at, (matrix, weight)) in sums.iter().enumerate() {
             if *weight == 0.0 {
                 continue;
@@ -191,20 +143,13 @@ impl Skin {
             let position = DVec3::from(primitive.positions[at]);
             let moved = (matrix.transform_point3(position) / *weight).as_vec3();
             if !moved.is_finite() {
-                return Err(invalid(
-                    place,
-                    format_args!("POSITION {at} is not finite once skinned"),
-                ));
+                return Err(invalid(place, format_args!("POSITION {at} is not finite once skinned")));
             }
             primitive.positions[at] = moved;
             if let Some(normals) = &mut primitive.normals {
                 let turned = matrix.matrix3.inverse().transpose() * DVec3::from(normals[at]);
                 let turned = turned.as_vec3().normalize_or_zero();
-                normals[at] = if turned.is_finite() {
-                    turned
-                } else {
-                    Vec3::ZERO
-                };
+                normals[at] = if turned.is_finite() { turned } else { Vec3::ZERO };
             }
         }
         Ok(())

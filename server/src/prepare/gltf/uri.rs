@@ -26,28 +26,13 @@ pub(super) fn parse(uri: &str, place: &str) -> Result<Target, Fault> {
     }
     let scheme_end = uri.find([':', '/', '\\', '?', '#']);
     if scheme_end.is_some_and(|at| uri.as_bytes()[at] == b':') {
-        return Err(invalid(
-            place,
-            format_args!(
-                "URI {:?}: only relative files and data: are read",
-                head(uri)
-            ),
-        ));
+        return Err(invalid(place, format_args!("URI {:?}: only relative files and data: are read", head(uri))));
     }
     let decoded = percent_decode(uri.as_bytes());
-    let path = std::str::from_utf8(&decoded)
-        .map_err(|_| invalid(place, format_args!("URI {:?} is not UTF-8", head(uri))))?;
-    let climbs = || {
-        invalid(
-            place,
-            format_args!("URI {:?} leaves the asset's folder", head(uri)),
-        )
-    };
+    let path = std::str::from_utf8(&decoded).map_err(|_| invalid(place, format_args!("URI {:?} is not UTF-8", head(uri))))?;
+    let climbs = || invalid(place, format_args!("URI {:?} leaves the asset's folder", head(uri)));
     if path.is_empty() || path.contains('\0') {
-        return Err(invalid(
-            place,
-            format_args!("URI {:?} names no file", head(uri)),
-        ));
+        return Err(invalid(place, format_args!("URI {:?} names no file", head(uri))));
     }
     if path.starts_with(['/', '\\']) || path.as_bytes().get(1) == Some(&b':') {
         return Err(climbs());
@@ -67,10 +52,7 @@ pub(super) fn parse(uri: &str, place: &str) -> Result<Target, Fault> {
 }
 
 fn read_inside(relative: &Path, folder: &Path, place: &str, cap: u64) -> Result<Vec<u8>, Fault> {
-    let io = |path: &Path, e: std::io::Error| Fault::Io {
-        path: one_line(path.display()),
-        reason: e.to_string(),
-    };
+    let io = |path: &Path, e: std::io::Error| Fault::Io { path: one_line(path.display()), reason: e.to_string() };
     let base = folder.canonicalize().map_err(|e| io(folder, e))?;
     let joined = folder.join(relative);
     // Symbolic links are followed here, and only here.
@@ -78,10 +60,7 @@ fn read_inside(relative: &Path, folder: &Path, place: &str, cap: u64) -> Result<
     if !real.starts_with(&base) {
         return Err(invalid(
             place,
-            format_args!(
-                "URI {:?} leaves the asset's folder through a link",
-                relative.display().to_string()
-            ),
+            format_args!("URI {:?} leaves the asset's folder through a link", relative.display().to_string()),
         ));
     }
     read_bounded(&real, cap)
@@ -152,9 +131,7 @@ fn percent_decode(text: &[u8]) -> Vec<u8> {
 
 fn strip_prefix_ignore_case<'a>(text: &'a str, prefix: &str) -> Option<&'a str> {
     let start = text.get(..prefix.len())?;
-    start
-        .eq_ignore_ascii_case(prefix)
-        .then(|| &text[prefix.len()..])
+    start.eq_ignore_ascii_case(prefix).then(|| &text[prefix.len()..])
 }
 
 fn head(uri: &str) -> String {
@@ -186,18 +163,8 @@ mod tests {
 
     #[test]
     fn only_paths_inside_the_folder_pass() {
-        for good in [
-            "a.bin",
-            "sub/a.bin",
-            "sub/../a.bin",
-            "a%20b.bin",
-            "./a.bin",
-            "..a",
-        ] {
-            assert!(
-                matches!(parse(good, "buffer 0"), Ok(Target::File(_))),
-                "{good}"
-            );
+        for good in ["a.bin", "sub/a.bin", "sub/../a.bin", "a%20b.bin", "./a.bin", "..a"] {
+            assert!(matches!(parse(good, "buffer 0"), Ok(Target::File(_))), "{good}");
         }
         for bad in [
             "../a.bin",

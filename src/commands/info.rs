@@ -1,0 +1,111 @@
+//! `mullion info`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use mullion_common::geometry::{Aabb, Obb};
+use mullion_common::scene::{ObjectId, Scene};
+use mullion_server::prepare::{SceneStatistics, statistics};
+use serde::Serialize;
+
+use super::prepare::HowToPrepare;
+use crate::files::{open_scene, write_json};
+
+/// Which scene, and how to tell.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Package, glTF or GLB file.
+    file: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    /// Also write, for each leaf, where it comes from in the source file and its bounds (JSON; `-` for standard output).
+    #[arg(long, value_name = "FILE")]
+    leaves: Option<PathBuf>,
+    #[command(flatten)]
+    how: HowToPrepare,
+}
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    let package = open_scene(&options.file, &options.how.options()?)?;
+    let counts = statistics(&package);
+    if options.json {
+        write_json(&counts, Path::new("-"))?;
+    } else {
+        print_counts(&options.file, &counts);
+    }
+    options.leaves.as_ref().map_or(Ok(()), |path| write_json(&leaf_reports(&package.scene), path))
+}
+
+fn print_counts(file: &Path, s: &SceneStatistics) {
+    println!("{}", file.display());
+    println!(
+        "  nodes       {} ({} inner, {} of them nodes of the file; {} leaves)",
+        s.nodes, s.inner_nodes, s.inner_nodes_of_file, s.leaves
+    );
+    println!("  depth       {}, average branching {:.2}", s.depth, s.average_branching);
+    println!("  objects     {} (nodes of the file and instances)", s.objects);
+    println!("  triangles   {} unique, {} with instances", s.triangles_unique, s.triangles_instanced);
+    println!("  chunks      {} of geometry, {} of textures, {} bytes", s.geometry_chunks, s.texture_chunks, s.chunk_bytes);
+    println!("  materials   {}", s.materials);
+    match s.bounds_m {
+        Some([min, max]) => println!("  bounds      {min:.3?} to {max:.3?} m"),
+        None => println!("  bounds      none: the scene has no triangles"),
+    }
+}
+
+/// A leaf as anyone can check it against the source file.
+#[derive(Serialize)]
+struct LeafReport {
+    leaf: u32,
+    /// Index of the glTF node, and the names on the way to it.
+    node: u32,
+    path: String,
+    mesh: u32,
+    primitive: u32,
+    instance: Option<u32>,
+    /// Indices of the primitive's triangles in the source file.
+    triangles: Vec<u32>,
+    /// World space, metres.
+    obb: Obb,
+    aabb: Aabb,
+}
+
+fn leaf_reports(scene: &Scene) -> Vec<LeafReport> {
+    let leaf_nodes = scene.hierarchy.nodes().iter().enumerate().filter(|(i, n)| n.subtree_end as usize == i + 1);
+    let report = |(leaf, (_, node)): (usize, (usize, &mullion_common::scene::OhNode))| {
+        let record = &scene.manifest.leaves[leaf];
+        let source = &scene.sources.leaves[leaf];
+        let object = &scene.objects[record.object.0 as usize];
+        LeafReport {
+            leaf: leaf as u32,
+            node: object.source_node,
+            path: object_path(scene, record.object),
+            mesh: source.mesh,
+            primitive: source.primitive,
+            instance: object.instance,
+            triangles: scene.sources.triangles_of(leaf as u32).to_vec(),
+            obb: node.bound,
+            aabb: node.bound.aabb(),
+        }
+    };
+    leaf_nodes.enumerate().map(report).collect()
+}
+
+/// The names from the root to an object, joined by `/`; a node without a name is called by its index.
+pub fn object_path(scene: &Scene, object: ObjectId) -> String {
+    let mut names = Vec::new();
+    let mut next = Some(object);
+    while let Some(id) = next {
+        let object = &scene.objects[id.0 as usize];
+        names.push(match (object.instance, object.name.as_str()) {
+            (Some(instance), _) => format!("[{instance}]"),
+            (None, "") => format!("#{}", object.source_node),
+            (None, name) => name.to_owned(),
+        });
+        next = object.parent;
+    }
+    names.reverse();
+    names.join("/")
+}

@@ -1,0 +1,6 @@
+//! One file a command: its options, and thin glue over the crates.
+
+pub mod cull;
+pub mod generate;
+pub mod info;
+pub mod prepare;

@@ -1,0 +1,64 @@
+//! `mullion prepare`.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Result, ensure};
+use mullion_server::prepare::{MAX_LEAF_TRIANGLES, PrepareOptions, statistics, write_package};
+
+use crate::files::open_scene;
+
+/// What to prepare, where to and how.
+#[derive(clap::Args)]
+pub struct Options {
+    /// glTF or GLB file.
+    scene: PathBuf,
+    /// The package to write.
+    #[arg(long)]
+    out: PathBuf,
+    #[command(flatten)]
+    how: HowToPrepare,
+}
+
+/// Choices of preparation, shared by all commands that take a scene.
+#[derive(clap::Args, Clone, Copy)]
+pub struct HowToPrepare {
+    /// Divide larger meshes into leaves of at most so many triangles.
+    #[arg(long, value_name = "TRIANGLES", default_value_t = PrepareOptions::default().max_leaf_triangles,
+          value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_LEAF_TRIANGLES)))]
+    leaf_triangles: u32,
+    /// Cut triangles with an edge longer than this, in metres: for floors that span the scene.
+    #[arg(long, value_name = "METRES")]
+    split_larger_than: Option<f64>,
+}
+
+impl HowToPrepare {
+    /// As the server takes it.
+    pub fn options(&self) -> Result<PrepareOptions> {
+        let split = self.split_larger_than;
+        ensure!(
+            split.is_none_or(|m| m.is_finite() && m > 0.0),
+            "--split-larger-than: {} is not above 0 m",
+            split.unwrap_or_default()
+        );
+        Ok(PrepareOptions { max_leaf_triangles: self.leaf_triangles, split_larger_than_m: split })
+    }
+}
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    let start = Instant::now();
+    let package = open_scene(&options.scene, &options.how.options()?)?;
+    write_package(&package, &options.out)?;
+    let s = statistics(&package);
+    println!(
+        "{}: {} leaves, {} triangles ({} unique) in {} chunks, {:.1} s",
+        options.out.display(),
+        s.leaves,
+        s.triangles_instanced,
+        s.triangles_unique,
+        s.geometry_chunks,
+        start.elapsed().as_secs_f64()
+    );
+    Ok(())
+}

@@ -1,0 +1,47 @@
+//! Opens what users name: scenes and walls.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow};
+use mullion_common::scene::Package;
+use mullion_common::wall::{Wall, WallConfig};
+use mullion_server::prepare::{self, PrepareOptions};
+use serde::Serialize;
+
+use crate::progress::Progress;
+
+/// Opens a package, or prepares a glTF or GLB file on the way; prints warnings.
+pub fn open_scene(path: &Path, options: &PrepareOptions) -> Result<Package> {
+    let progress = Progress::new();
+    let prepared = prepare::open(path, options, &|stage, done, total| progress.show(stage, done, total));
+    progress.finish();
+    let prepared = prepared?;
+    for warning in &prepared.warnings {
+        eprintln!("warning: {warning}");
+    }
+    Ok(prepared.package)
+}
+
+/// Reads and checks a wall file.
+pub fn open_wall(path: &Path) -> Result<Wall> {
+    const MAX_WALL_BYTES: u64 = 1 << 20;
+    let shown = path.display();
+    let size = fs::metadata(path).with_context(|| shown.to_string())?.len();
+    if size > MAX_WALL_BYTES {
+        return Err(anyhow!("{shown}: {size} bytes; a wall file has at most {MAX_WALL_BYTES}"));
+    }
+    let text = fs::read_to_string(path).with_context(|| shown.to_string())?;
+    WallConfig::parse(&text).map_err(|error| anyhow!("{shown}: {error}"))
+}
+
+/// Writes a value as JSON to a file, or to standard output for `-`.
+pub fn write_json(value: &impl Serialize, path: &Path) -> Result<()> {
+    let mut text = serde_json::to_string_pretty(value)?;
+    text.push('\n');
+    if path == Path::new("-") {
+        print!("{text}");
+        return Ok(());
+    }
+    fs::write(path, text).with_context(|| path.display().to_string())
+}
