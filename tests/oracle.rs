@@ -205,7 +205,12 @@ fn the_city_is_never_dropped() {
 
 #[test]
 fn small_leaves_of_foreign_models_are_never_dropped() {
-    let names = ["cad_2cylinder_engine.glb", "city_denhaag.glb", "scan_armadillo_86k.glb", "CesiumMilkTruck_external/CesiumMilkTruck.gltf"];
+    let names = [
+        "cad_2cylinder_engine.glb",
+        "city_denhaag.glb",
+        "scan_armadillo_86k.glb",
+        "CesiumMilkTruck_external/CesiumMilkTruck.gltf",
+    ];
     for path in support::models(&names) {
         check_scene(&path, 6, &PrepareOptions { max_leaf_triangles: 500, ..PrepareOptions::default() });
     }
