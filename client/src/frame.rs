@@ -1,1 +1,272 @@
-//! frame
+//! The planner of a frame: which leaves each view draws, in which order. Plain data out, results in; no GPU.
+//!
+//! Nothing in a plan depends on which other leaves are drawn: opaque and masked leaves come in ascending order, and
+//! blended ones by their distance from the eye that all tiles of the wall share. A tile drawn from its visible set
+//! is then the same picture as a tile drawn from all leaves.
+
+use glam::DVec3;
+use mullion_common::scene::{AlphaMode, ChunkId, LeafRecord, SceneManifest, Transform};
+use mullion_common::visible_set::{LeafRange, VisibleSet};
+use mullion_common::wall::{Projection, ViewId};
+
+/// What the planner needs to know of one frame.
+pub struct FrameInput<'a> {
+    /// The views to draw.
+    pub views: &'a [ViewInput<'a>],
+    /// The eye from which blended leaves are sorted, in the world: the same for all tiles of a wall.
+    pub shared_eye: DVec3,
+    /// The scene.
+    pub manifest: &'a SceneManifest,
+    /// Where the objects stand in this frame, by `ObjectId`.
+    pub transforms: &'a [Transform],
+    /// Whether a chunk is on the GPU.
+    pub resident: &'a dyn Fn(ChunkId) -> bool,
+}
+
+/// What the planner needs to know of one view.
+#[allow(missing_docs)]
+pub struct ViewInput<'a> {
+    pub view: ViewId,
+    pub projection: Projection,
+    pub visible: &'a VisibleSet,
+}
+
+/// What to draw in one round. Executed by [`crate::gpu::Renderer::draw`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FramePlan {
+    /// One after the other.
+    pub passes: Vec<PassPlan>,
+    /// Textures of the leaves drawn, each once, in the order of their first use; whether resident or not.
+    pub textures: Vec<ChunkId>,
+    /// Leaves left out because their geometry is not resident, summed over the passes.
+    pub missing: u32,
+    /// How many of `textures` are not resident: their leaves are drawn in their base colour.
+    pub missing_textures: u32,
+}
+
+/// What to draw into one view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PassPlan {
+    /// Where.
+    pub view: ViewId,
+    /// From where.
+    pub projection: Projection,
+    /// Opaque and masked leaves, drawn in ascending order.
+    pub opaque: VisibleSet,
+    /// Blended leaves, drawn in this order: back to front, ties by leaf.
+    pub blended: Vec<u32>,
+    /// Leaves left out because their geometry is not resident.
+    pub missing: u32,
+}
+
+/// What came of a plan.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PassResults {
+    /// For each pass.
+    pub passes: Vec<PassResult>,
+}
+
+/// What came of one pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PassResult {
+    /// The view drawn.
+    pub view: ViewId,
+    /// Leaves drawn.
+    pub leaves: u32,
+    /// Triangles drawn.
+    pub triangles: u64,
+    /// Runs of leaves drawn with one state.
+    pub batches: u32,
+}
+
+/// Plans frames. Keeps its memory from frame to frame.
+#[derive(Debug, Default)]
+pub struct Planner {
+    plan: FramePlan,
+    spare_passes: Vec<PassPlan>,
+    /// Squared distance and leaf.
+    keyed: Vec<(f64, u32)>,
+    /// For each material, in which frame its texture was last listed.
+    texture_listed: Vec<u64>,
+    chunk_listed: Vec<u64>,
+    frame: u64,
+}
+
+impl Planner {
+    /// A planner that has planned nothing yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Starts a frame and returns its first round. A frame that was not complete is dropped.
+    pub fn begin(&mut self, input: FrameInput<'_>) -> &FramePlan {
+        self.frame += 1;
+        self.texture_listed.resize(input.manifest.materials.len(), 0);
+        self.chunk_listed.resize(input.manifest.chunks.len(), 0);
+        self.spare_passes.append(&mut self.plan.passes);
+        self.plan.textures.clear();
+        (self.plan.missing, self.plan.missing_textures) = (0, 0);
+        for view in input.views {
+            let pass = self.plan_pass(&input, view);
+            self.plan.missing += pass.missing;
+            self.plan.passes.push(pass);
+        }
+        &self.plan
+    }
+
+    /// Takes the results of the last round and returns the next, or `None` when the frame is complete.
+    pub fn feed(&mut self, results: &PassResults) -> Option<&FramePlan> {
+        debug_assert_eq!(results.passes.len(), self.plan.passes.len(), "results of another plan");
+        None // one round: nothing in it depends on what was seen
+    }
+
+    fn plan_pass(&mut self, input: &FrameInput<'_>, view: &ViewInput<'_>) -> PassPlan {
+        let mut pass = self.spare_passes.pop().unwrap_or_else(|| PassPlan::empty(view));
+        (pass.view, pass.projection, pass.missing) = (view.view, view.projection, 0);
+        pass.opaque.clear();
+        pass.blended.clear();
+        self.keyed.clear();
+        let leaf_count = input.manifest.leaves.len() as u32;
+        for leaf in view.visible.leaves().take_while(|&leaf| leaf < leaf_count) {
+            let record = &input.manifest.leaves[leaf as usize];
+            if !(input.resident)(record.chunk) {
+                pass.missing += 1;
+                continue;
+            }
+            self.list_texture(input, record);
+            match input.manifest.materials[record.material.0 as usize].alpha {
+                AlphaMode::Blend => self.keyed.push((distance_squared(input, record), leaf)),
+                AlphaMode::Opaque | AlphaMode::Mask { .. } => pass.opaque.push(LeafRange::new(leaf, leaf + 1)),
+            }
+        }
+        self.keyed.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        pass.blended.extend(self.keyed.iter().map(|&(_, leaf)| leaf));
+        pass
+    }
+
+    fn list_texture(&mut self, input: &FrameInput<'_>, record: &LeafRecord) {
+        let material = record.material.0 as usize;
+        if std::mem::replace(&mut self.texture_listed[material], self.frame) == self.frame {
+            return;
+        }
+        let Some(texture) = input.manifest.materials[material].texture else { return };
+        if std::mem::replace(&mut self.chunk_listed[texture.chunk.0 as usize], self.frame) != self.frame {
+            self.plan.textures.push(texture.chunk);
+            self.plan.missing_textures += u32::from(!(input.resident)(texture.chunk));
+        }
+    }
+}
+
+impl PassPlan {
+    fn empty(view: &ViewInput<'_>) -> Self {
+        let (view, projection) = (view.view, view.projection);
+        Self { view, projection, opaque: VisibleSet::default(), blended: Vec::new(), missing: 0 }
+    }
+}
+
+/// From the shared eye to the middle of the leaf's box.
+fn distance_squared(input: &FrameInput<'_>, leaf: &LeafRecord) -> f64 {
+    let world_from_local = input.transforms[leaf.object.0 as usize].affine();
+    world_from_local.transform_point3(leaf.local_aabb().center()).distance_squared(input.shared_eye)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DAffine3, DMat4};
+    use mullion_common::scene::{ChunkHash, ChunkKind, ChunkRecord, Filter, Material, MaterialId, ObjectId, TextureRef, Wrap};
+
+    /// Chunk 0 is a texture; leaf `i` has chunk `i + 1`, object `i` and its place along −Z, and a material.
+    fn manifest(leaves: &[(f64, AlphaMode, bool)]) -> SceneManifest {
+        let mut manifest = SceneManifest::default();
+        let record = |kind| ChunkRecord::new(ChunkHash([0; 32]), 0, 0, kind);
+        manifest.chunks.push(record(ChunkKind::Texture));
+        for (i, &(distance_m, alpha, textured)) in leaves.iter().enumerate() {
+            let texture = TextureRef { chunk: ChunkId(0), wrap_u: Wrap::Repeat, wrap_v: Wrap::Clamp, filter: Filter::Linear };
+            manifest.chunks.push(record(ChunkKind::Geometry));
+            manifest.transforms.push(DAffine3::from_translation(DVec3::new(0.0, 0.0, -distance_m)).into());
+            let texture = textured.then_some(texture);
+            manifest.materials.push(Material { base_color: [1.0; 4], texture, alpha, double_sided: false });
+            manifest.leaves.push(LeafRecord {
+                object: ObjectId(i as u32),
+                chunk: ChunkId(i as u32 + 1),
+                material: MaterialId(i as u32),
+                triangle_count: 1,
+                local_min: [-1.0, -2.0, -3.0],
+                local_max: [1.0, 2.0, 3.0],
+            });
+        }
+        manifest
+    }
+
+    fn plan(
+        planner: &mut Planner,
+        manifest: &SceneManifest,
+        visible: &VisibleSet,
+        resident: &dyn Fn(ChunkId) -> bool,
+    ) -> FramePlan {
+        let projection = Projection { eye: DVec3::new(5.0, 0.0, 0.0), clip_from_offset: DMat4::IDENTITY };
+        let views = [ViewInput { view: ViewId(3), projection, visible }];
+        let transforms = &manifest.transforms;
+        planner.begin(FrameInput { views: &views, shared_eye: DVec3::ZERO, manifest, transforms, resident }).clone()
+    }
+
+    const MASK: AlphaMode = AlphaMode::Mask { cutoff: 0.5 };
+
+    #[test]
+    fn opaque_leaves_ascend_and_blended_ones_come_back_to_front() {
+        let scene = manifest(&[
+            (2.0, AlphaMode::Blend, false),
+            (9.0, AlphaMode::Opaque, false),
+            (7.0, AlphaMode::Blend, false),
+            (1.0, MASK, false),
+            (2.0, AlphaMode::Blend, false), // as far as leaf 0
+            (8.0, AlphaMode::Blend, false),
+        ]);
+        let mut planner = Planner::new();
+        let all = VisibleSet::all(6);
+        let of_all = plan(&mut planner, &scene, &all, &|_| true);
+        assert_eq!(of_all.passes[0].view, ViewId(3));
+        assert_eq!(of_all.passes[0].opaque.leaves().collect::<Vec<_>>(), [1, 3]);
+        assert_eq!(of_all.passes[0].blended, [5, 2, 0, 4]);
+        assert_eq!((of_all.missing, of_all.textures.len()), (0, 0));
+
+        // A subset keeps the order of the rest; the planner's memory leaves no trace.
+        let some = VisibleSet::from_ranges([LeafRange::new(2, 5)]);
+        let of_some = plan(&mut planner, &scene, &some, &|_| true);
+        assert_eq!(of_some.passes[0].blended, [2, 4]);
+        assert_eq!(of_some.passes[0].opaque.leaves().collect::<Vec<_>>(), [3]);
+        assert_eq!(plan(&mut planner, &scene, &all, &|_| true), of_all);
+        assert_eq!(planner.feed(&PassResults { passes: vec![result(); 1] }), None);
+    }
+
+    fn result() -> PassResult {
+        PassResult { view: ViewId(3), leaves: 6, triangles: 6, batches: 2 }
+    }
+
+    #[test]
+    fn leaves_without_geometry_are_left_out_and_counted() {
+        let scene = manifest(&[(1.0, AlphaMode::Opaque, true), (2.0, AlphaMode::Blend, true), (3.0, MASK, false)]);
+        let mut planner = Planner::new();
+        let beyond = VisibleSet::all(9); // leaves past the table are ignored
+        let found = plan(&mut planner, &scene, &beyond, &|chunk| chunk.0 == 2);
+        assert_eq!((found.missing, found.passes[0].missing), (2, 2));
+        assert_eq!((found.textures, found.missing_textures), (vec![ChunkId(0)], 1));
+        assert_eq!(found.passes[0].blended, [1]);
+        assert!(found.passes[0].opaque.is_empty());
+        assert_eq!(plan(&mut planner, &scene, &VisibleSet::default(), &|_| true).passes[0].missing, 0);
+    }
+
+    #[test]
+    fn moved_objects_are_sorted_where_they_stand() {
+        let scene = manifest(&[(1.0, AlphaMode::Blend, false), (2.0, AlphaMode::Blend, false)]);
+        let moved = [scene.transforms[1], scene.transforms[0]];
+        let projection = Projection { eye: DVec3::ZERO, clip_from_offset: DMat4::IDENTITY };
+        let visible = VisibleSet::all(2);
+        let views = [ViewInput { view: ViewId(0), projection, visible: &visible }];
+        let mut planner = Planner::new();
+        let input =
+            FrameInput { views: &views, shared_eye: DVec3::ZERO, manifest: &scene, transforms: &moved, resident: &|_| true };
+        assert_eq!(planner.begin(input).passes[0].blended, [0, 1]);
+    }
+}

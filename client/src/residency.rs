@@ -1,1 +1,191 @@
-//! residency
+//! Which chunks the views need, which of them are missing, and which may go when memory runs short. Pure.
+
+use mullion_common::scene::{ChunkId, SceneManifest};
+use mullion_common::visible_set::VisibleSet;
+
+/// What is known of one chunk.
+#[derive(Clone, Copy, Debug, Default)]
+struct Entry {
+    /// Bytes that it takes while it is resident.
+    bytes: Option<u64>,
+    /// The last frame that needed it; 0 for never.
+    needed_in: u64,
+}
+
+/// Keeps account of chunks: needed, resident, to be evicted.
+#[derive(Debug)]
+pub struct Residency {
+    entries: Vec<Entry>,
+    cap_bytes: u64,
+    resident_bytes: u64,
+    frame: u64,
+    needed: Vec<ChunkId>,
+}
+
+impl Residency {
+    /// For a scene of `chunk_count` chunks, nothing resident.
+    ///
+    /// `cap_bytes`: what resident chunks may take. Too low a cap for what one frame needs is exceeded, not obeyed:
+    /// see [`Residency::evict`].
+    pub fn new(chunk_count: usize, cap_bytes: u64) -> Self {
+        Self { entries: vec![Entry::default(); chunk_count], cap_bytes, resident_bytes: 0, frame: 0, needed: Vec::new() }
+    }
+
+    /// Starts a frame that draws these sets: finds the chunks that it needs, in the order of first need. Of each leaf
+    /// the geometry, then the texture. Leaves past the table are ignored.
+    pub fn begin_frame<'a>(&mut self, manifest: &SceneManifest, visible: impl IntoIterator<Item = &'a VisibleSet>) {
+        self.frame += 1;
+        self.needed.clear();
+        let leaf_count = manifest.leaves.len() as u32;
+        for set in visible {
+            for leaf in set.leaves().take_while(|&leaf| leaf < leaf_count) {
+                let record = &manifest.leaves[leaf as usize];
+                self.need(record.chunk);
+                if let Some(texture) = manifest.materials[record.material.0 as usize].texture {
+                    self.need(texture.chunk);
+                }
+            }
+        }
+    }
+
+    fn need(&mut self, chunk: ChunkId) {
+        let entry = &mut self.entries[chunk.0 as usize];
+        if std::mem::replace(&mut entry.needed_in, self.frame) != self.frame {
+            self.needed.push(chunk);
+        }
+    }
+
+    /// All chunks that the frame needs, each once, in need order.
+    pub fn needed(&self) -> &[ChunkId] {
+        &self.needed
+    }
+
+    /// The needed chunks that are not resident, in need order.
+    pub fn missing(&self) -> impl Iterator<Item = ChunkId> + '_ {
+        self.needed.iter().copied().filter(|&chunk| !self.is_resident(chunk))
+    }
+
+    /// Whether the chunk is resident. False for a chunk that the scene does not have.
+    pub fn is_resident(&self, chunk: ChunkId) -> bool {
+        self.entries.get(chunk.0 as usize).is_some_and(|entry| entry.bytes.is_some())
+    }
+
+    /// Notes that a chunk has become resident and takes `bytes`. Again for the same chunk: its bytes changed.
+    pub fn loaded(&mut self, chunk: ChunkId, bytes: u64) {
+        let Some(entry) = self.entries.get_mut(chunk.0 as usize) else { return };
+        self.resident_bytes = self.resident_bytes - entry.bytes.unwrap_or(0) + bytes;
+        entry.bytes = Some(bytes);
+    }
+
+    /// Chooses the chunks to evict so that the rest stays under the cap, and counts them as gone: those needed longest
+    /// ago first, never one that the current frame needs. `out` becomes the chosen chunks, least recent first.
+    pub fn evict(&mut self, out: &mut Vec<ChunkId>) {
+        out.clear();
+        if self.resident_bytes <= self.cap_bytes {
+            return;
+        }
+        let idle = |(_, entry): &(usize, &Entry)| entry.bytes.is_some_and(|bytes| bytes > 0) && entry.needed_in < self.frame;
+        out.extend(self.entries.iter().enumerate().filter(idle).map(|(i, _)| ChunkId(i as u32)));
+        out.sort_unstable_by_key(|chunk| (self.entries[chunk.0 as usize].needed_in, *chunk));
+        let mut kept = out.len();
+        for (i, chunk) in out.iter().enumerate() {
+            if self.resident_bytes <= self.cap_bytes {
+                kept = i;
+                break;
+            }
+            self.resident_bytes -= self.entries[chunk.0 as usize].bytes.take().unwrap_or(0);
+        }
+        out.truncate(kept);
+    }
+
+    /// Bytes of all resident chunks.
+    pub fn resident_bytes(&self) -> u64 {
+        self.resident_bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mullion_common::scene::{
+        AlphaMode, ChunkHash, ChunkKind, ChunkRecord, Filter, LeafRecord, Material, MaterialId, ObjectId, TextureRef, Wrap,
+    };
+    use mullion_common::visible_set::LeafRange;
+    use proptest::prelude::*;
+
+    /// Eight leaves over chunks 0 to 3, two each; odd leaves have texture 4.
+    fn manifest() -> SceneManifest {
+        let record = |kind| ChunkRecord::new(ChunkHash([0; 32]), 0, 0, kind);
+        let texture = TextureRef { chunk: ChunkId(4), wrap_u: Wrap::Repeat, wrap_v: Wrap::Clamp, filter: Filter::Linear };
+        let material = |texture| Material { base_color: [1.0; 4], texture, alpha: AlphaMode::Opaque, double_sided: false };
+        let leaf = |i: u32| LeafRecord {
+            object: ObjectId(0),
+            chunk: ChunkId(3 - i / 2),
+            material: MaterialId(i % 2),
+            triangle_count: 1,
+            local_min: [0.0; 3],
+            local_max: [1.0, 2.0, 3.0],
+        };
+        SceneManifest {
+            transforms: vec![glam::DAffine3::IDENTITY.into()],
+            leaves: (0..8).map(leaf).collect(),
+            materials: vec![material(None), material(Some(texture))],
+            chunks: [[ChunkKind::Geometry; 4].as_slice(), &[ChunkKind::Texture]].concat().into_iter().map(record).collect(),
+        }
+    }
+
+    fn ids(numbers: &[u32]) -> Vec<ChunkId> {
+        numbers.iter().copied().map(ChunkId).collect()
+    }
+
+    #[test]
+    fn chunks_are_needed_once_in_the_order_of_leaves() {
+        let (scene, mut residency) = (manifest(), Residency::new(5, 100));
+        let (near, far) = (VisibleSet::from_ranges([LeafRange::new(2, 5)]), VisibleSet::all(20));
+        residency.begin_frame(&scene, [&near, &far]);
+        assert_eq!(residency.needed(), ids(&[2, 4, 1, 3, 0]));
+        residency.loaded(ChunkId(4), 10);
+        residency.loaded(ChunkId(3), 10);
+        assert_eq!(residency.missing().collect::<Vec<_>>(), ids(&[2, 1, 0]));
+    }
+
+    #[test]
+    fn the_longest_unused_go_first_and_the_needed_stay() {
+        let (scene, mut residency) = (manifest(), Residency::new(5, 100));
+        let frames = [(6, 7), (2, 4), (0, 2)].map(|(start, end)| VisibleSet::from_ranges([LeafRange::new(start, end)]));
+        let mut gone = Vec::new();
+        for set in &frames {
+            residency.begin_frame(&scene, [set]);
+            for chunk in residency.missing().collect::<Vec<_>>() {
+                residency.loaded(chunk, 40);
+            }
+        }
+        // Chunk 0 in frame 1, chunks 2 and 4 in frame 2, chunks 3 and 4 in frame 3.
+        residency.evict(&mut gone);
+        assert_eq!((gone.as_slice(), residency.resident_bytes()), (ids(&[0, 2]).as_slice(), 80));
+        residency.loaded(ChunkId(3), 400);
+        residency.evict(&mut gone);
+        assert_eq!((gone.len(), residency.resident_bytes()), (0, 440), "what the frame needs stays, whatever the cap");
+    }
+
+    proptest! {
+        #[test]
+        fn eviction_keeps_what_is_needed_and_no_more_than_fits(
+            frames in proptest::collection::vec((0..8u32, 0..8u32, 1..60u64), 1..20),
+        ) {
+            let (scene, mut residency) = (manifest(), Residency::new(5, 100));
+            let mut gone = Vec::new();
+            for (start, len, bytes) in frames {
+                let set = VisibleSet::from_ranges([LeafRange::new(start, start + len)]);
+                residency.begin_frame(&scene, [&set]);
+                for chunk in residency.missing().collect::<Vec<_>>() {
+                    residency.loaded(chunk, bytes);
+                }
+                residency.evict(&mut gone);
+                prop_assert!(residency.missing().next().is_none());
+                let idle = (0..5).map(ChunkId).filter(|c| residency.is_resident(*c) && !residency.needed().contains(c));
+                prop_assert!(residency.resident_bytes() <= 100 || idle.count() == 0);
+            }
+        }
+    }
+}

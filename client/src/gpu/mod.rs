@@ -1,1 +1,26 @@
-//! gpu
+//! The drawing: the only user of wgpu. Executes a [`crate::frame::FramePlan`].
+//!
+//! ```text
+//! Gpu ── shared by ──→ Renderer (one scene, its views) ── show ──→ Shown ──→ Presenter (a window)
+//!                        ├ arena      geometry of resident chunks, in a few large buffers
+//!                        ├ textures   decoded images with their mipmaps
+//!                        ├ pipelines  one for each way that a leaf can be drawn
+//!                        └ draws      a pass as records, instances and batches
+//! ```
+
+mod arena;
+mod device;
+mod draws;
+mod pipelines;
+mod present;
+mod readback;
+mod renderer;
+mod targets;
+mod textures;
+mod upload;
+
+pub use device::{DisplayHandle, Gpu, GpuError, GpuOptions};
+pub use present::{PresentError, Presenter, TileRect};
+pub use renderer::{Renderer, ViewTarget};
+pub use targets::{Attachments, Shown};
+pub use upload::UploadError;

@@ -1,1 +1,4 @@
-//! output
+//! Where pictures go: files or a window.
+
+pub mod headless;
+pub mod window;

@@ -1,0 +1,159 @@
+//! Choosing and opening a GPU, and turning its faults into errors.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use thiserror::Error;
+
+/// A connection to the display that windows will be made on.
+pub type DisplayHandle = Box<dyn wgpu::wgt::WgpuHasDisplayHandle>;
+
+/// How to open a GPU.
+#[derive(Debug, Default)]
+pub struct GpuOptions {
+    /// The display, where windows are wanted; not needed to draw without one.
+    pub display: Option<DisplayHandle>,
+}
+
+/// Why the GPU does not do what it should.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum GpuError {
+    #[error(
+        "no GPU and no software renderer found; on Debian or Ubuntu, install one with: sudo apt-get install mesa-vulkan-drivers"
+    )]
+    NoAdapter,
+    #[error("no GPU has a name that contains WGPU_ADAPTER_NAME=`{wanted}`; there are: {found}")]
+    NotNamed { wanted: String, found: String },
+    #[error("the GPU {adapter} does not open: {reason}")]
+    Open { adapter: String, reason: String },
+    #[error("the GPU was lost: {0}")]
+    Lost(String),
+    #[error("the GPU refused: {0}")]
+    Refused(String),
+    #[error("{what}: {value}, the GPU's limit is {limit}")]
+    Limit { what: &'static str, value: u64, limit: u64 },
+    #[error("view {0} is not one of this renderer's")]
+    UnknownView(u16),
+    #[error("this renderer draws no object ids")]
+    NoIds,
+}
+
+/// What went wrong since someone last asked. wgpu reports asynchronously.
+#[derive(Debug, Default)]
+struct Faults {
+    refused: Mutex<Option<String>>,
+    lost: Mutex<Option<String>>,
+}
+
+/// An open GPU. Several renderers in one process share it.
+#[derive(Debug)]
+pub struct Gpu {
+    pub(super) instance: wgpu::Instance,
+    pub(super) adapter: wgpu::Adapter,
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
+    /// Whether draws can be taken from a buffer, many at a time.
+    pub(super) indirect: bool,
+    faults: Arc<Faults>,
+}
+
+impl Gpu {
+    /// Opens the best GPU: a discrete one before an integrated one before software. The environment may narrow the
+    /// choice: `WGPU_BACKEND` (a list of vulkan, gl, metal, dx12) and `WGPU_ADAPTER_NAME` (part of a name).
+    ///
+    /// # Errors
+    /// When there is none, none has the wanted name, or it does not open.
+    pub fn open(options: GpuOptions) -> Result<Arc<Self>, GpuError> {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.display = options.display;
+        // Indirect draws come from this process, which checks them where it writes them.
+        descriptor.flags = wgpu::InstanceFlags::from_build_config() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL;
+        let instance = wgpu::Instance::new(descriptor.with_env());
+        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        let wanted = std::env::var("WGPU_ADAPTER_NAME").ok();
+        let adapter = choose(adapters, wanted)?;
+        let (device, queue) = open_device(&adapter)?;
+
+        let faults = Arc::new(Faults::default());
+        let seen = Arc::clone(&faults);
+        device.on_uncaptured_error(Arc::new(move |error| note(&seen.refused, error.to_string())));
+        let seen = Arc::clone(&faults);
+        device.set_device_lost_callback(move |_, reason| note(&seen.lost, reason));
+
+        let indirect = device.features().contains(wgpu::Features::INDIRECT_FIRST_INSTANCE)
+            && adapter.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::INDIRECT_EXECUTION);
+        Ok(Arc::new(Self { instance, adapter, device, queue, indirect, faults }))
+    }
+
+    /// The GPU, its interface and its driver, as `llvmpipe (LLVM 15.0.6, 256 bits), Vulkan, Mesa 22.3.6`.
+    pub fn describe(&self) -> String {
+        let info = self.adapter.get_info();
+        format!(
+            "{}, {:?}, {}",
+            info.name,
+            info.backend,
+            if info.driver_info.is_empty() { &info.driver } else { &info.driver_info }
+        )
+    }
+
+    /// The error that was reported since the last call, if any. A lost GPU stays lost.
+    pub(super) fn check(&self) -> Result<(), GpuError> {
+        if let Some(reason) = self.faults.lost.lock().unwrap_or_else(PoisonError::into_inner).clone() {
+            return Err(GpuError::Lost(reason));
+        }
+        match self.faults.refused.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            Some(reason) => Err(GpuError::Refused(reason)),
+            None => Ok(()),
+        }
+    }
+
+    /// Waits until the GPU has done all work submitted up to `submission`, or at all.
+    pub(super) fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
+        let waited = self.device.poll(wgpu::PollType::Wait { submission_index: submission, timeout: None });
+        self.check()?;
+        waited.map(|_| ()).map_err(|e| GpuError::Lost(e.to_string()))
+    }
+}
+
+/// Keeps the first report: what follows is often its consequence.
+fn note(place: &Mutex<Option<String>>, report: String) {
+    tracing::error!(report, "GPU");
+    place.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(report);
+}
+
+fn choose(adapters: Vec<wgpu::Adapter>, wanted: Option<String>) -> Result<wgpu::Adapter, GpuError> {
+    let names = || adapters.iter().map(|a| a.get_info().name).collect::<Vec<_>>().join(", ");
+    let named = |adapter: &wgpu::Adapter| match &wanted {
+        Some(part) => adapter.get_info().name.to_lowercase().contains(&part.to_lowercase()),
+        None => true,
+    };
+    let best = adapters.iter().filter(|a| named(a)).min_by_key(|a| rank(&a.get_info()));
+    match (best, wanted.clone()) {
+        (Some(best), _) => Ok(best.clone()),
+        (None, Some(wanted)) if !adapters.is_empty() => Err(GpuError::NotNamed { wanted, found: names() }),
+        (None, _) => Err(GpuError::NoAdapter),
+    }
+}
+
+/// Least is best.
+fn rank(info: &wgpu::AdapterInfo) -> (u8, u8) {
+    let device = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    };
+    (device, u8::from(info.backend == wgpu::Backend::Gl))
+}
+
+fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
+    let descriptor = wgpu::DeviceDescriptor {
+        label: Some("mullion"),
+        required_features: adapter.features() & wgpu::Features::INDIRECT_FIRST_INSTANCE,
+        required_limits: adapter.limits(),
+        ..Default::default()
+    };
+    pollster::block_on(adapter.request_device(&descriptor))
+        .map_err(|e| GpuError::Open { adapter: adapter.get_info().name, reason: e.to_string() })
+}

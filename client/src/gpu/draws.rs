@@ -1,0 +1,146 @@
+//! A pass as the GPU takes it: a record per object, an instance and a draw per leaf, and runs of draws that share
+//! their state.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::device::{Gpu, GpuError};
+use super::pipelines::PipelineKey;
+
+/// What the vertex shader knows of a leaf.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Instance {
+    /// Index of its `clip_from_local` among the records.
+    pub record: u32,
+    pub material: u32,
+    pub object: u32,
+}
+const _: () = assert!(size_of::<Instance>() == 12);
+
+/// Arguments of an indexed draw, as Vulkan, Metal, DX12 and GL take them from a buffer.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct DrawArguments {
+    pub index_count: u32,
+    pub instance_count: u32,
+    pub first_index: u32,
+    pub base_vertex: i32,
+    pub first_instance: u32,
+}
+const _: () = assert!(size_of::<DrawArguments>() == 20);
+
+/// What consecutive draws share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct State {
+    pub pipeline: PipelineKey,
+    pub texture: u32,
+    pub page: u32,
+}
+
+/// Draws `start..end` of one state.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Batch {
+    pub state: State,
+    pub start: u32,
+    pub end: u32,
+}
+
+/// A pass, on the CPU. Its memory is kept from pass to pass.
+#[derive(Default)]
+pub(super) struct DrawList {
+    /// `clip_from_local`, by column.
+    pub records: Vec<[f32; 16]>,
+    pub instances: Vec<Instance>,
+    pub arguments: Vec<DrawArguments>,
+    pub batches: Vec<Batch>,
+    pub triangles: u64,
+}
+
+impl DrawList {
+    pub fn clear(&mut self) {
+        self.records.clear();
+        self.instances.clear();
+        self.arguments.clear();
+        self.batches.clear();
+        self.triangles = 0;
+    }
+
+    pub fn push(&mut self, state: State, instance: Instance, indices: (u32, u32), base_vertex: u32) {
+        let draw = self.arguments.len() as u32;
+        let (first_index, index_count) = indices;
+        let base_vertex = base_vertex as i32; // pages are far smaller than 2³¹ vertices
+        self.arguments.push(DrawArguments { index_count, instance_count: 1, first_index, base_vertex, first_instance: draw });
+        self.instances.push(instance);
+        self.triangles += u64::from(index_count / 3);
+        match self.batches.last_mut() {
+            Some(batch) if batch.state == state => batch.end = draw + 1,
+            _ => self.batches.push(Batch { state, start: draw, end: draw + 1 }),
+        }
+    }
+}
+
+/// A draw list's buffers on the GPU.
+pub(super) struct DrawBuffers {
+    pub records: GrowingBuffer,
+    pub instances: GrowingBuffer,
+    pub arguments: GrowingBuffer,
+}
+
+impl DrawBuffers {
+    pub fn new(gpu: &Gpu) -> Self {
+        use wgpu::BufferUsages as Use;
+        Self {
+            records: GrowingBuffer::new(gpu, "records", Use::STORAGE),
+            instances: GrowingBuffer::new(gpu, "instances", Use::VERTEX),
+            arguments: GrowingBuffer::new(gpu, "draws", Use::INDIRECT),
+        }
+    }
+
+    pub fn write(&mut self, gpu: &Gpu, list: &DrawList) -> Result<(), GpuError> {
+        let limits = gpu.device.limits();
+        self.records.write(gpu, bytemuck::cast_slice(&list.records), limits.max_storage_buffer_binding_size)?;
+        self.instances.write(gpu, bytemuck::cast_slice(&list.instances), limits.max_buffer_size)?;
+        if gpu.indirect {
+            self.arguments.write(gpu, bytemuck::cast_slice(&list.arguments), limits.max_buffer_size)?;
+        }
+        Ok(())
+    }
+}
+
+/// A buffer that is replaced by a larger one when its content no longer fits.
+pub(super) struct GrowingBuffer {
+    label: &'static str,
+    usage: wgpu::BufferUsages,
+    pub buffer: wgpu::Buffer,
+    /// Changes with the buffer.
+    pub generation: u64,
+}
+
+impl GrowingBuffer {
+    const LEAST_BYTES: u64 = 4096;
+
+    fn new(gpu: &Gpu, label: &'static str, usage: wgpu::BufferUsages) -> Self {
+        let usage = usage | wgpu::BufferUsages::COPY_DST;
+        Self { label, usage, buffer: create(gpu, label, Self::LEAST_BYTES, usage), generation: 0 }
+    }
+
+    fn write(&mut self, gpu: &Gpu, bytes: &[u8], limit: u64) -> Result<(), GpuError> {
+        let needed = bytes.len() as u64;
+        if needed > limit {
+            return Err(GpuError::Limit { what: self.label, value: needed, limit });
+        }
+        if needed > self.buffer.size() {
+            let size = needed.next_power_of_two().min(limit & !3);
+            self.buffer = create(gpu, self.label, size, self.usage);
+            self.generation += 1;
+        }
+        if !bytes.is_empty() {
+            gpu.queue.write_buffer(&self.buffer, 0, bytes);
+        }
+        Ok(())
+    }
+}
+
+fn create(gpu: &Gpu, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
+}

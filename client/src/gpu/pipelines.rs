@@ -1,0 +1,200 @@
+//! One pipeline for each way that a leaf can be drawn, and the layouts that they share.
+
+use mullion_common::scene::{AlphaMode, Material};
+
+use super::arena::Vertex;
+use super::device::Gpu;
+use super::draws::Instance;
+use super::targets::{Attachments, COLOR_FORMAT, DEPTH_FORMAT, IDS_FORMAT};
+
+/// What a pipeline does with alpha.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Coverage {
+    Opaque,
+    Masked,
+    Blended,
+}
+
+/// Which faces a pipeline drops.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sides {
+    Both,
+    Front,
+    /// The front, of an object whose transform turns the winding around.
+    FrontMirrored,
+}
+
+/// A pipeline's number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct PipelineKey(u8);
+
+impl PipelineKey {
+    const COVERAGES: [Coverage; 3] = [Coverage::Opaque, Coverage::Masked, Coverage::Blended];
+    const SIDES: [Sides; 3] = [Sides::Both, Sides::Front, Sides::FrontMirrored];
+
+    pub fn new(coverage: Coverage, sides: Sides) -> Self {
+        Self(coverage as u8 * 3 + sides as u8)
+    }
+}
+
+impl Coverage {
+    pub fn of(material: &Material) -> Self {
+        match material.alpha {
+            AlphaMode::Opaque => Self::Opaque,
+            AlphaMode::Mask { .. } => Self::Masked,
+            AlphaMode::Blend => Self::Blended,
+        }
+    }
+}
+
+/// Layouts and pipelines for one choice of attachments.
+pub(super) struct Pipelines {
+    /// View, records, materials.
+    pub view_layout: wgpu::BindGroupLayout,
+    /// Texture and sampler.
+    pub texture_layout: wgpu::BindGroupLayout,
+    by_key: Vec<wgpu::RenderPipeline>,
+}
+
+impl Pipelines {
+    pub fn new(gpu: &Gpu, attachments: Attachments) -> Self {
+        let device = &gpu.device;
+        let view_layout = view_layout(device);
+        let texture_layout = texture_layout(device);
+        let module = device.create_shader_module(wgpu::include_wgsl!("shaders/scene.wgsl"));
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("scene"),
+            bind_group_layouts: &[Some(&view_layout), Some(&texture_layout)],
+            immediate_size: 0,
+        });
+        let by_key = (PipelineKey::COVERAGES.into_iter())
+            .flat_map(|coverage| PipelineKey::SIDES.map(|sides| pipeline(device, &module, &layout, attachments, coverage, sides)))
+            .collect();
+        Self { view_layout, texture_layout, by_key }
+    }
+
+    pub fn get(&self, key: PipelineKey) -> &wgpu::RenderPipeline {
+        &self.by_key[usize::from(key.0)]
+    }
+}
+
+fn pipeline(
+    device: &wgpu::Device,
+    module: &wgpu::ShaderModule,
+    layout: &wgpu::PipelineLayout,
+    attachments: Attachments,
+    coverage: Coverage,
+    sides: Sides,
+) -> wgpu::RenderPipeline {
+    let (entry_point, blend) = match coverage {
+        Coverage::Opaque => ("opaque", None),
+        Coverage::Masked => ("masked", None),
+        Coverage::Blended => ("blended", Some(wgpu::BlendState::ALPHA_BLENDING)),
+    };
+    let solid = coverage != Coverage::Blended;
+    let ids_mask = if solid { wgpu::ColorWrites::ALL } else { wgpu::ColorWrites::empty() };
+    let color = wgpu::ColorTargetState { format: COLOR_FORMAT, blend, write_mask: wgpu::ColorWrites::ALL };
+    let ids = wgpu::ColorTargetState { format: IDS_FORMAT, blend: None, write_mask: ids_mask };
+    let targets = [Some(color), Some(ids)];
+    let targets = match attachments {
+        Attachments::Color => &targets[..1],
+        Attachments::ColorAndIds => &targets[..],
+    };
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(entry_point),
+        layout: Some(layout),
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some("vertex"),
+            compilation_options: Default::default(),
+            buffers: &[
+                Some(wgpu::VertexBufferLayout {
+                    array_stride: size_of::<Vertex>() as u64,
+                    step_mode: wgpu::VertexStepMode::Vertex,
+                    attributes: &wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x2, 2 => Unorm8x4],
+                }),
+                Some(wgpu::VertexBufferLayout {
+                    array_stride: size_of::<Instance>() as u64,
+                    step_mode: wgpu::VertexStepMode::Instance,
+                    attributes: &wgpu::vertex_attr_array![3 => Uint32x3],
+                }),
+            ],
+        },
+        primitive: wgpu::PrimitiveState {
+            front_face: if sides == Sides::FrontMirrored { wgpu::FrontFace::Cw } else { wgpu::FrontFace::Ccw },
+            cull_mode: (sides != Sides::Both).then_some(wgpu::Face::Back),
+            ..Default::default()
+        },
+        depth_stencil: Some(wgpu::DepthStencilState {
+            format: DEPTH_FORMAT,
+            depth_write_enabled: Some(solid),
+            // Strict, so that of coplanar faces the first leaf wins, whatever else is drawn.
+            depth_compare: Some(wgpu::CompareFunction::Greater),
+            stencil: Default::default(),
+            bias: Default::default(),
+        }),
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(entry_point),
+            compilation_options: Default::default(),
+            targets,
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+fn view_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let buffer = |binding, visibility, ty| wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility,
+        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
+        count: None,
+    };
+    let read_only = wgpu::BufferBindingType::Storage { read_only: true };
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("view"),
+        entries: &[
+            buffer(0, wgpu::ShaderStages::FRAGMENT, wgpu::BufferBindingType::Uniform),
+            buffer(1, wgpu::ShaderStages::VERTEX, read_only),
+            buffer(2, wgpu::ShaderStages::FRAGMENT, read_only),
+        ],
+    })
+}
+
+/// One texture and one sampler, for fragments.
+pub(super) fn texture_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let entry = |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::FRAGMENT, ty, count: None };
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("texture"),
+        entries: &[
+            entry(
+                0,
+                wgpu::BindingType::Texture {
+                    sample_type: wgpu::TextureSampleType::Float { filterable: true },
+                    view_dimension: wgpu::TextureViewDimension::D2,
+                    multisampled: false,
+                },
+            ),
+            entry(1, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+        ],
+    })
+}
+
+/// Binds a texture and a sampler to [`texture_layout`].
+pub(super) fn bind_texture(
+    device: &wgpu::Device,
+    layout: &wgpu::BindGroupLayout,
+    texture: &wgpu::TextureView,
+    sampler: &wgpu::Sampler,
+) -> wgpu::BindGroup {
+    device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("texture"),
+        layout,
+        entries: &[
+            wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(texture) },
+            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(sampler) },
+        ],
+    })
+}

@@ -1,0 +1,257 @@
+//! One scene and its views: takes chunks, executes plans.
+
+use std::sync::Arc;
+
+use mullion_common::scene::{ChunkId, ChunkKind, ObjectId, SceneManifest, Transform};
+use mullion_common::wall::ViewId;
+
+use super::arena::{Arena, Slot};
+use super::device::{Gpu, GpuError};
+use super::draws::{DrawBuffers, DrawList, Instance, State};
+use super::pipelines::{PipelineKey, Pipelines, Sides};
+use super::targets::{Attachments, CLEAR_COLOR, Shown, Target};
+use super::upload::{self, Materials, UploadError};
+use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
+
+/// A view to draw, and how large.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub struct ViewTarget {
+    pub view: ViewId,
+    pub size_px: [u32; 2],
+}
+
+/// Draws the views of one scene.
+pub struct Renderer {
+    pub(super) gpu: Arc<Gpu>,
+    pub(super) targets: Vec<Target>,
+    manifest: Arc<SceneManifest>,
+    transforms: Vec<Transform>,
+    /// Whether an object's transform turns the winding around.
+    mirrored: Vec<bool>,
+    arena: Arena,
+    /// Resident geometry, by `ChunkId`.
+    geometry: Vec<Option<Slot>>,
+    materials: Materials,
+    pipelines: Pipelines,
+    list: DrawList,
+    buffers: DrawBuffers,
+    /// For each object the pass that last made it a record, and that record.
+    recorded: Vec<(u64, u32)>,
+    pass: u64,
+    last_submission: Option<wgpu::SubmissionIndex>,
+}
+
+impl Renderer {
+    /// A renderer with nothing resident. `manifest` must be one that passes its own check.
+    ///
+    /// # Errors
+    /// When a view's size is not one that the GPU takes, or the GPU fails.
+    pub fn new(
+        gpu: Arc<Gpu>,
+        manifest: Arc<SceneManifest>,
+        views: &[ViewTarget],
+        attachments: Attachments,
+    ) -> Result<Self, GpuError> {
+        let pipelines = Pipelines::new(&gpu, attachments);
+        let targets = views.iter().map(|v| Target::new(&gpu, v.view, v.size_px, attachments)).collect::<Result<_, _>>()?;
+        let materials = Materials::new(&gpu, &manifest, &pipelines.texture_layout);
+        let buffers = DrawBuffers::new(&gpu);
+        gpu.check()?;
+        Ok(Self {
+            targets,
+            transforms: manifest.transforms.clone(),
+            mirrored: manifest.transforms.iter().map(Transform::is_mirrored).collect(),
+            arena: Arena::new(),
+            geometry: vec![None; manifest.chunks.len()],
+            materials,
+            pipelines,
+            list: DrawList::default(),
+            buffers,
+            recorded: vec![(0, 0); manifest.transforms.len()],
+            pass: 0,
+            last_submission: None,
+            manifest,
+            gpu,
+        })
+    }
+
+    /// Decodes a chunk and makes it resident. Returns the bytes that it takes on the GPU. A chunk that is resident
+    /// is not read again.
+    ///
+    /// # Errors
+    /// When the bytes are malformed or too large. A texture that cannot be read becomes resident all the same, as a
+    /// checker.
+    pub fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<u64, UploadError> {
+        let place = self.geometry.get_mut(chunk.0 as usize).ok_or(UploadError::Unknown(chunk.0))?;
+        match self.manifest.chunks[chunk.0 as usize].kind() {
+            Some(ChunkKind::Texture) => self.materials.insert(&self.gpu, chunk, bytes),
+            Some(ChunkKind::Geometry) => {
+                let slot = match *place {
+                    Some(slot) => slot,
+                    None => upload::geometry(&self.gpu, &mut self.arena, bytes)?,
+                };
+                *place = Some(slot);
+                Ok(slot.bytes())
+            }
+            None => Err(UploadError::Unknown(chunk.0)),
+        }
+    }
+
+    /// Whether leaves can be drawn with this chunk.
+    pub fn is_resident(&self, chunk: ChunkId) -> bool {
+        self.geometry.get(chunk.0 as usize).is_some_and(Option::is_some) || self.materials.is_resident(chunk)
+    }
+
+    /// Frees what the chunk takes on the GPU.
+    pub fn evict(&mut self, chunk: ChunkId) {
+        match self.geometry.get_mut(chunk.0 as usize).and_then(Option::take) {
+            Some(slot) => self.arena.remove(slot),
+            None => self.materials.remove(&self.gpu, chunk),
+        }
+    }
+
+    /// Moves an object, from the next draw on. A transform that is not finite, or of no object, is ignored.
+    pub fn set_transform(&mut self, object: ObjectId, transform: Transform) {
+        let at = object.0 as usize;
+        if at < self.transforms.len() && transform.is_finite() {
+            self.mirrored[at] = transform.is_mirrored();
+            self.transforms[at] = transform;
+        }
+    }
+
+    /// Where the objects stand now, by `ObjectId`: the planner wants to know.
+    pub fn transforms(&self) -> &[Transform] {
+        &self.transforms
+    }
+
+    /// Draws every pass of the plan. Returns when the GPU has its work, not when it is done: see
+    /// [`Renderer::wait`]. Leaves whose geometry is not resident are skipped.
+    ///
+    /// # Errors
+    /// When a pass names a view that is not this renderer's, is larger than the GPU's limits, or the GPU fails.
+    pub fn draw(&mut self, plan: &FramePlan) -> Result<PassResults, GpuError> {
+        self.arena.flush(&self.gpu);
+        let passes = plan.passes.iter().map(|pass| self.draw_pass(pass)).collect::<Result<_, _>>()?;
+        self.gpu.check()?;
+        Ok(PassResults { passes })
+    }
+
+    /// Waits until everything drawn so far is in the pictures.
+    ///
+    /// # Errors
+    /// When the GPU fails.
+    pub fn wait(&self) -> Result<(), GpuError> {
+        self.gpu.wait(self.last_submission.clone())
+    }
+
+    /// Makes what was last drawn the picture to be seen, for all views at once.
+    ///
+    /// # Errors
+    /// When the GPU fails.
+    pub fn show(&mut self) -> Result<Vec<Shown>, GpuError> {
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("show") });
+        let shown = self.targets.iter_mut().map(|target| target.show(&self.gpu, &mut encoder)).collect();
+        self.last_submission = Some(self.gpu.queue.submit([encoder.finish()]));
+        self.gpu.check()?;
+        Ok(shown)
+    }
+
+    fn draw_pass(&mut self, pass: &PassPlan) -> Result<PassResult, GpuError> {
+        let at = self.targets.iter().position(|t| t.view == pass.view).ok_or(GpuError::UnknownView(pass.view.0))?;
+        self.list_draws(pass);
+        self.buffers.write(&self.gpu, &self.list)?;
+        let (target, records) = (&mut self.targets[at], &self.buffers.records);
+        target.write_uniform(&self.gpu, &pass.projection);
+        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer), &self.materials.buffer);
+
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
+        self.encode(&self.targets[at], &mut encoder);
+        self.last_submission = Some(self.gpu.queue.submit([encoder.finish()]));
+        Ok(PassResult {
+            view: pass.view,
+            leaves: self.list.arguments.len() as u32,
+            triangles: self.list.triangles,
+            batches: self.list.batches.len() as u32,
+        })
+    }
+
+    /// Fills the draw list: the plan's leaves in the plan's order.
+    fn list_draws(&mut self, pass: &PassPlan) {
+        self.list.clear();
+        self.pass += 1;
+        for leaf in pass.opaque.leaves().chain(pass.blended.iter().copied()) {
+            let Some(record) = self.manifest.leaves.get(leaf as usize) else { continue };
+            let Some(slot) = self.geometry[record.chunk.0 as usize] else { continue };
+            if slot.index_count == 0 {
+                continue;
+            }
+            let object = record.object.0 as usize;
+            if self.recorded[object].0 != self.pass {
+                self.recorded[object] = (self.pass, self.list.records.len() as u32);
+                let clip_from_local = pass.projection.clip_from_local(&self.transforms[object].affine());
+                self.list.records.push(clip_from_local.to_cols_array());
+            }
+            let material = self.materials.states[record.material.0 as usize];
+            let sides = match (material.double_sided, self.mirrored[object]) {
+                (true, _) => Sides::Both,
+                (false, false) => Sides::Front,
+                (false, true) => Sides::FrontMirrored,
+            };
+            let pipeline = PipelineKey::new(material.coverage, sides);
+            let state = State { pipeline, texture: material.texture, page: slot.page };
+            let instance = Instance { record: self.recorded[object].1, material: record.material.0, object: record.object.0 };
+            self.list.push(state, instance, (slot.first_index, slot.index_count), slot.first_vertex);
+        }
+    }
+
+    fn encode(&self, target: &Target, encoder: &mut wgpu::CommandEncoder) {
+        let attachment = |view, clear| wgpu::RenderPassColorAttachment {
+            view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(clear), store: wgpu::StoreOp::Store },
+        };
+        let ids = target.ids.as_ref().map(|(_, view)| attachment(view, wgpu::Color::TRANSPARENT));
+        let color_attachments = [Some(attachment(&target.color_view, CLEAR_COLOR)), ids];
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("view"),
+            color_attachments: if target.ids.is_some() { &color_attachments } else { &color_attachments[..1] },
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &target.depth_view,
+                // Reversed depth: 0 is infinitely far.
+                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
+                stencil_ops: None,
+            }),
+            ..Default::default()
+        });
+        let Some((_, bindings)) = &target.bindings else { return };
+        pass.set_bind_group(0, bindings, &[]);
+        pass.set_vertex_buffer(1, self.buffers.instances.buffer.slice(..));
+        let mut bound: Option<State> = None;
+        for batch in &self.list.batches {
+            let state = batch.state;
+            if bound.is_none_or(|b| b.pipeline != state.pipeline) {
+                pass.set_pipeline(self.pipelines.get(state.pipeline));
+            }
+            if bound.is_none_or(|b| b.texture != state.texture) {
+                pass.set_bind_group(1, &self.materials.bindings[state.texture as usize], &[]);
+            }
+            if bound.is_none_or(|b| b.page != state.page) {
+                let page = self.arena.page(state.page);
+                pass.set_vertex_buffer(0, page.vertices.slice(..));
+                pass.set_index_buffer(page.indices.slice(..), wgpu::IndexFormat::Uint16);
+            }
+            bound = Some(state);
+            if self.gpu.indirect {
+                let offset = u64::from(batch.start) * size_of::<super::draws::DrawArguments>() as u64;
+                pass.multi_draw_indexed_indirect(&self.buffers.arguments.buffer, offset, batch.end - batch.start);
+                continue;
+            }
+            for draw in &self.list.arguments[batch.start as usize..batch.end as usize] {
+                let indices = draw.first_index..draw.first_index + draw.index_count;
+                pass.draw_indexed(indices, draw.base_vertex, draw.first_instance..draw.first_instance + 1);
+            }
+        }
+    }
+}

@@ -1,0 +1,117 @@
+// Leaves: base colour, light by the geometric normal, object ids.
+//
+// What a fragment gets depends on its triangle, its pixel and its view alone, and along a wall's seams both sides
+// must come to the same values. Everything that takes derivatives therefore takes them of quantities that are
+// affine over a planar triangle's pixels (1/w and products with it), whose derivatives are the same everywhere on
+// the triangle, however pixels fall into quads.
+
+struct View {
+    // Rows x, y and w of clip_from_offset; offsets are in world axes from the eye.
+    clip_x: vec4f,
+    clip_y: vec4f,
+    clip_w: vec4f,
+    // Columns of offset_from_clip for (x, y, w): the ray of a pixel is their sum weighted by (ndc x, ndc y, 1).
+    ray_x: vec4f,
+    ray_y: vec4f,
+    ray_1: vec4f,
+    // Change of ndc from a pixel to the next, right and down.
+    ndc_per_px: vec2f,
+    unused: vec2f,
+}
+
+struct Material {
+    base_color: vec4f,
+    // Fragments of masked materials with less alpha are dropped.
+    alpha_cutoff: f32,
+}
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> clip_from_local: array<mat4x4f>;
+@group(0) @binding(2) var<storage, read> materials: array<Material>;
+@group(1) @binding(0) var base_color_texture: texture_2d<f32>;
+@group(1) @binding(1) var base_color_sampler: sampler;
+
+const AMBIENT: f32 = 0.25;
+const SUN: f32 = 0.45;
+const HEAD: f32 = 0.30;
+const TOWARDS_SUN: vec3f = vec3f(0.3521, 0.8049, 0.4778);
+// log2 of the squared footprint of a texel below which magnification is certain.
+const LEAST_FOOTPRINT: f32 = 1e-12;
+
+struct Vertex {
+    @location(0) position: vec3f,
+    @location(1) uv: vec2f,
+    @location(2) color: vec4f,
+    // Per leaf: index in clip_from_local, index in materials, object id.
+    @location(3) leaf: vec3u,
+}
+
+struct Fragment {
+    @builtin(position) @invariant position: vec4f,
+    @location(0) w: f32,
+    @location(1) uv: vec2f,
+    @location(2) color: vec4f,
+    @location(3) @interpolate(flat) material: u32,
+    @location(4) @interpolate(flat) object: u32,
+}
+
+struct Pixel {
+    @location(0) color: vec4f,
+    @location(1) object: u32,
+}
+
+@vertex
+fn vertex(in: Vertex) -> Fragment {
+    let clip = clip_from_local[in.leaf.x] * vec4f(in.position, 1.0);
+    return Fragment(clip, clip.w, in.uv, in.color, in.leaf.y, in.leaf.z);
+}
+
+// Share of the light that the fragment's triangle sends back.
+//
+// Over a plane, 1/w = a x + b y + c in ndc. With p the offset from the eye, 1 = (a clip_x + b clip_y + c clip_w)·p,
+// so that the bracket is the plane's normal, turned away from the eye.
+fn light(in: Fragment) -> f32 {
+    let over_w = 1.0 / in.w;
+    let ndc = in.position.xy * view.ndc_per_px + vec2f(-1.0, 1.0);
+    let a = dpdx(over_w) / view.ndc_per_px.x;
+    let b = dpdy(over_w) / view.ndc_per_px.y;
+    let c = over_w - a * ndc.x - b * ndc.y;
+    let away = in.w * (a * view.clip_x.xyz + b * view.clip_y.xyz + c * view.clip_w.xyz);
+    let ray = normalize(ndc.x * view.ray_x.xyz + ndc.y * view.ray_y.xyz + view.ray_1.xyz);
+    let length_squared = dot(away, away);
+    let normal = select(-ray, -away * inverseSqrt(length_squared), length_squared > 0.0);
+    return AMBIENT + SUN * max(dot(normal, TOWARDS_SUN), 0.0) + HEAD * max(dot(normal, -ray), 0.0);
+}
+
+// Base colour before light. The level of detail is isotropic, of the larger of the two footprints.
+fn base_color(in: Fragment) -> vec4f {
+    let over_w = 1.0 / in.w;
+    let uv_over_w = in.uv * over_w;
+    let size = vec2f(textureDimensions(base_color_texture));
+    let across = (dpdx(uv_over_w) - in.uv * dpdx(over_w)) * in.w * size;
+    let down = (dpdy(uv_over_w) - in.uv * dpdy(over_w)) * in.w * size;
+    let footprint = max(max(dot(across, across), dot(down, down)), LEAST_FOOTPRINT);
+    let texel = textureSampleLevel(base_color_texture, base_color_sampler, in.uv, 0.5 * log2(footprint));
+    return texel * in.color * materials[in.material].base_color;
+}
+
+@fragment
+fn opaque(in: Fragment) -> Pixel {
+    return Pixel(vec4f(base_color(in).rgb * light(in), 1.0), in.object + 1u);
+}
+
+@fragment
+fn masked(in: Fragment) -> Pixel {
+    let color = base_color(in);
+    let lit = color.rgb * light(in);
+    if color.a < materials[in.material].alpha_cutoff {
+        discard;
+    }
+    return Pixel(vec4f(lit, 1.0), in.object + 1u);
+}
+
+@fragment
+fn blended(in: Fragment) -> Pixel {
+    let color = base_color(in);
+    return Pixel(vec4f(color.rgb * light(in), color.a), 0u);
+}

@@ -1,0 +1,155 @@
+//! What a view is drawn into.
+
+use mullion_common::wall::{Projection, ViewId};
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DMat3, DVec3};
+
+use super::device::{Gpu, GpuError};
+
+pub(super) const COLOR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
+pub(super) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+pub(super) const IDS_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
+/// A pale sky, linear.
+pub(super) const CLEAR_COLOR: wgpu::Color = wgpu::Color { r: 0.42, g: 0.53, b: 0.66, a: 1.0 };
+
+/// What a renderer draws.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Attachments {
+    /// Colour.
+    Color,
+    /// Colour, and which object is seen in each pixel.
+    ColorAndIds,
+}
+
+/// The last picture of a view that is meant to be seen.
+#[derive(Clone, Debug)]
+pub struct Shown {
+    /// Whose.
+    pub view: ViewId,
+    /// Its size.
+    pub size_px: [u32; 2],
+    pub(super) texture: wgpu::TextureView,
+}
+
+/// What the fragment shader knows of a view.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct ViewUniform {
+    /// Rows x, y and w of `clip_from_offset`.
+    clip_rows: [[f32; 4]; 3],
+    /// Columns of `offset_from_clip` for (x, y, w).
+    ray_columns: [[f32; 4]; 3],
+    ndc_per_px: [f32; 2],
+    unused: [f32; 2],
+}
+const _: () = assert!(size_of::<ViewUniform>() == 112);
+
+/// The textures of one view.
+pub(super) struct Target {
+    pub view: ViewId,
+    pub size_px: [u32; 2],
+    pub color: wgpu::Texture,
+    pub color_view: wgpu::TextureView,
+    pub depth_view: wgpu::TextureView,
+    pub ids: Option<(wgpu::Texture, wgpu::TextureView)>,
+    /// Made when it is first shown.
+    pub shown: Option<wgpu::Texture>,
+    uniform: wgpu::Buffer,
+    /// View, records and materials; of which generation of the records' buffer.
+    pub bindings: Option<(u64, wgpu::BindGroup)>,
+}
+
+impl Target {
+    pub fn new(gpu: &Gpu, view: ViewId, size_px: [u32; 2], attachments: Attachments) -> Result<Self, GpuError> {
+        let limit = gpu.device.limits().max_texture_dimension_2d;
+        if let Some(&edge) = size_px.iter().find(|&&edge| edge == 0 || edge > limit) {
+            return Err(GpuError::Limit { what: "edge of a view in pixels", value: edge.into(), limit: limit.into() });
+        }
+        use wgpu::TextureUsages as Use;
+        let color = texture(gpu, "colour", size_px, COLOR_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC);
+        let depth = texture(gpu, "depth", size_px, DEPTH_FORMAT, Use::RENDER_ATTACHMENT);
+        let ids = (attachments == Attachments::ColorAndIds)
+            .then(|| texture(gpu, "object ids", size_px, IDS_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC));
+        let uniform = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("view"),
+            size: size_of::<ViewUniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        Ok(Self {
+            view,
+            size_px,
+            color_view: view_of(&color),
+            color,
+            depth_view: view_of(&depth),
+            ids: ids.map(|ids| (ids.clone(), view_of(&ids))),
+            shown: None,
+            uniform,
+            bindings: None,
+        })
+    }
+
+    pub fn write_uniform(&self, gpu: &Gpu, projection: &Projection) {
+        let rows = [0, 1, 3].map(|row| projection.clip_from_offset.row(row).truncate());
+        let offset_from_clip = DMat3::from_cols_array_2d(&rows.map(|r| r.to_array())).transpose().inverse();
+        let column = |v: DVec3| v.as_vec3().extend(0.0).to_array();
+        let [width, height] = self.size_px.map(|edge| edge as f32);
+        let uniform = ViewUniform {
+            clip_rows: rows.map(column),
+            ray_columns: [offset_from_clip.x_axis, offset_from_clip.y_axis, offset_from_clip.z_axis].map(column),
+            ndc_per_px: [2.0 / width, -2.0 / height],
+            unused: [0.0; 2],
+        };
+        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+    }
+
+    /// Binds view, records and materials, anew when the records have moved to another buffer.
+    pub fn bind(
+        &mut self,
+        gpu: &Gpu,
+        layout: &wgpu::BindGroupLayout,
+        (generation, records): (u64, &wgpu::Buffer),
+        materials: &wgpu::Buffer,
+    ) {
+        if self.bindings.as_ref().is_some_and(|(bound, _)| *bound == generation) {
+            return;
+        }
+        let entries = [(0, &self.uniform), (1, records), (2, materials)]
+            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
+        let descriptor = wgpu::BindGroupDescriptor { label: Some("view"), layout, entries: &entries };
+        self.bindings = Some((generation, gpu.device.create_bind_group(&descriptor)));
+    }
+
+    /// Queues a copy of what was drawn to what is shown.
+    pub fn show(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) -> Shown {
+        use wgpu::TextureUsages as Use;
+        let usage = Use::COPY_DST | Use::COPY_SRC | Use::TEXTURE_BINDING;
+        let shown = self.shown.get_or_insert_with(|| texture(gpu, "shown", self.size_px, COLOR_FORMAT, usage));
+        encoder.copy_texture_to_texture(self.color.as_image_copy(), shown.as_image_copy(), shown.size());
+        Shown { view: self.view, size_px: self.size_px, texture: view_of(shown) }
+    }
+}
+
+fn texture(
+    gpu: &Gpu,
+    label: &str,
+    [width, height]: [u32; 2],
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> wgpu::Texture {
+    gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage,
+        view_formats: &[],
+    })
+}
+
+fn view_of(texture: &wgpu::Texture) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}

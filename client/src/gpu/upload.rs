@@ -1,0 +1,175 @@
+//! From a chunk's bytes to what the GPU holds of it.
+
+use std::collections::HashMap;
+
+use bytemuck::{Pod, Zeroable};
+use mullion_common::scene::{AlphaMode, ChunkError, ChunkId, Filter, GeometryChunk, SceneManifest, TextureRef, Wrap};
+use thiserror::Error;
+
+use super::arena::{Arena, Slot, Vertex};
+use super::device::Gpu;
+use super::pipelines::{Coverage, bind_texture};
+use super::textures;
+
+/// Why a chunk was not taken.
+#[derive(Debug, Error, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum UploadError {
+    #[error("chunk {0} is not in the scene")]
+    Unknown(u32),
+    #[error("geometry: {0}")]
+    Geometry(#[from] ChunkError),
+    #[error("geometry: the position of vertex {vertex} is not finite")]
+    NotFinite { vertex: usize },
+    #[error("geometry: {bytes} bytes in one buffer, the GPU's limit is {limit}")]
+    TooLarge { bytes: u64, limit: u64 },
+    #[error("texture: {0}; a checker stands in for it")]
+    Image(String),
+}
+
+/// What the fragment shader knows of a material.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct MaterialRecord {
+    base_color: [f32; 4],
+    alpha_cutoff: f32,
+    unused: [f32; 3],
+}
+const _: () = assert!(size_of::<MaterialRecord>() == 32);
+
+/// What a material asks of the state.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MaterialState {
+    pub coverage: Coverage,
+    pub double_sided: bool,
+    /// Index in [`Materials::bindings`].
+    pub texture: u32,
+}
+
+/// Materials and their textures.
+pub(super) struct Materials {
+    pub buffer: wgpu::Buffer,
+    pub states: Vec<MaterialState>,
+    /// For each distinct use of a texture; the first is of no texture.
+    pub bindings: Vec<wgpu::BindGroup>,
+    uses: Vec<TextureRef>,
+    layout: wgpu::BindGroupLayout,
+    white: wgpu::TextureView,
+    checker: wgpu::TextureView,
+    /// Bytes of each resident texture.
+    resident: HashMap<ChunkId, u64>,
+}
+
+impl Materials {
+    pub fn new(gpu: &Gpu, manifest: &SceneManifest, layout: &wgpu::BindGroupLayout) -> Self {
+        let mut uses: Vec<TextureRef> = Vec::new();
+        let mut numbers = HashMap::new();
+        let mut number = |texture: TextureRef| {
+            *numbers.entry((texture.chunk, texture.wrap_u, texture.wrap_v, texture.filter)).or_insert_with(|| {
+                uses.push(texture);
+                uses.len() as u32
+            })
+        };
+        let states = (manifest.materials.iter())
+            .map(|material| MaterialState {
+                coverage: Coverage::of(material),
+                double_sided: material.double_sided,
+                texture: material.texture.map_or(0, &mut number),
+            })
+            .collect();
+        let mut records: Vec<MaterialRecord> = Vec::with_capacity(manifest.materials.len().max(1));
+        records.extend(manifest.materials.iter().map(|material| {
+            let alpha_cutoff = if let AlphaMode::Mask { cutoff } = material.alpha { cutoff } else { 0.0 };
+            MaterialRecord { base_color: material.base_color, alpha_cutoff, unused: [0.0; 3] }
+        }));
+        records.resize(records.len().max(1), MaterialRecord::zeroed());
+        let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("materials"),
+            size: size_of_val(records.as_slice()) as u64,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&records));
+        let (white, _) = textures::create(gpu, textures::white());
+        let (checker, _) = textures::create(gpu, textures::checker());
+        let no_texture = gpu.device.create_sampler(&wgpu::SamplerDescriptor::default());
+        let mut bindings = vec![bind_texture(&gpu.device, layout, &white, &no_texture)];
+        bindings.extend(uses.iter().map(|&texture| bind_texture(&gpu.device, layout, &white, &sampler(gpu, texture))));
+        Self { buffer, states, bindings, uses, layout: layout.clone(), white, checker, resident: HashMap::new() }
+    }
+
+    pub fn is_resident(&self, chunk: ChunkId) -> bool {
+        self.resident.contains_key(&chunk)
+    }
+
+    /// Decodes and takes a texture. An image that cannot be read is resident too, as a checker: it will not get
+    /// better by being sent again.
+    pub fn insert(&mut self, gpu: &Gpu, chunk: ChunkId, bytes: &[u8]) -> Result<u64, UploadError> {
+        if let Some(&bytes) = self.resident.get(&chunk) {
+            return Ok(bytes);
+        }
+        let decoded = textures::decode(bytes);
+        let (view, bytes) = match decoded {
+            Ok(image) => textures::create(gpu, image),
+            Err(problem) => {
+                let checker = self.checker.clone();
+                self.bind(gpu, chunk, &checker);
+                self.resident.insert(chunk, 0);
+                return Err(UploadError::Image(problem));
+            }
+        };
+        self.bind(gpu, chunk, &view);
+        self.resident.insert(chunk, bytes);
+        Ok(bytes)
+    }
+
+    pub fn remove(&mut self, gpu: &Gpu, chunk: ChunkId) {
+        if self.resident.remove(&chunk).is_some() {
+            let white = self.white.clone();
+            self.bind(gpu, chunk, &white);
+        }
+    }
+
+    fn bind(&mut self, gpu: &Gpu, chunk: ChunkId, view: &wgpu::TextureView) {
+        for (texture, binding) in self.uses.iter().zip(&mut self.bindings[1..]).filter(|(texture, _)| texture.chunk == chunk) {
+            *binding = bind_texture(&gpu.device, &self.layout, view, &sampler(gpu, *texture));
+        }
+    }
+}
+
+fn sampler(gpu: &Gpu, texture: TextureRef) -> wgpu::Sampler {
+    let address = |wrap| match wrap {
+        Wrap::Repeat => wgpu::AddressMode::Repeat,
+        Wrap::Mirror => wgpu::AddressMode::MirrorRepeat,
+        Wrap::Clamp => wgpu::AddressMode::ClampToEdge,
+    };
+    gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+        label: Some("base colour"),
+        address_mode_u: address(texture.wrap_u),
+        address_mode_v: address(texture.wrap_v),
+        mag_filter: match texture.filter {
+            Filter::Nearest => wgpu::FilterMode::Nearest,
+            Filter::Linear => wgpu::FilterMode::Linear,
+        },
+        min_filter: wgpu::FilterMode::Linear,
+        mipmap_filter: wgpu::MipmapFilterMode::Linear,
+        ..Default::default()
+    })
+}
+
+/// Decodes and takes a leaf's geometry. Attributes that the chunk lacks become zero and white; texture coordinates
+/// that are not finite become zero.
+pub(super) fn geometry(gpu: &Gpu, arena: &mut Arena, bytes: &[u8]) -> Result<Slot, UploadError> {
+    let chunk = GeometryChunk::decode(bytes)?;
+    if let Some(vertex) = chunk.positions.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
+        return Err(UploadError::NotFinite { vertex });
+    }
+    let finite = |uv: [f32; 2]| if uv.iter().all(|v| v.is_finite()) { uv } else { [0.0; 2] };
+    let vertices = chunk.positions.iter().enumerate().map(|(i, &position)| Vertex {
+        position,
+        uv: chunk.uvs.get(i).copied().map_or([0.0; 2], finite),
+        color: chunk.colors.get(i).copied().unwrap_or([255; 4]),
+    });
+    let too_large = |e: super::arena::TooLarge| UploadError::TooLarge { bytes: e.bytes, limit: e.limit };
+    arena.insert(gpu, vertices, &chunk.indices).map_err(too_large)
+}
