@@ -53,6 +53,11 @@ impl Orbit {
         }
     }
 
+    /// Metres of the world in a metre of the room.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
     /// `world_from_room` at a frame; past the end the walk begins anew.
     pub fn pose(&self, frame: u64) -> DAffine3 {
         let last = self.frames.max(2) - 1;

@@ -4,6 +4,7 @@ mod camera;
 mod commands;
 mod composite;
 mod files;
+mod pixels;
 mod progress;
 
 use std::process::ExitCode;
@@ -28,6 +29,8 @@ enum Command {
     Info(commands::info::Options),
     /// Cull one frame without drawing, and write down what each tile may see.
     Cull(commands::cull::Options),
+    /// Prove on this machine that culling changes no picture.
+    Verify(commands::verify::Options),
 }
 
 /// Exit code for whatever a user can mend: a file, an argument, a port.
@@ -47,6 +50,7 @@ fn main() -> ExitCode {
         Command::Prepare(options) => commands::prepare::run(&options),
         Command::Info(options) => commands::info::run(&options),
         Command::Cull(options) => commands::cull::run(&options),
+        Command::Verify(options) => commands::verify::run(&options),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

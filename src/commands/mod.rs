@@ -4,3 +4,4 @@ pub mod cull;
 pub mod generate;
 pub mod info;
 pub mod prepare;
+pub mod verify;

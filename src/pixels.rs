@@ -1,0 +1,302 @@
+//! Compares pictures: tiles drawn from visible sets with tiles drawn from everything, and the wall with one picture.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, anyhow};
+use glam::{DAffine3, DQuat, DVec3};
+use image::{Rgba, RgbaImage};
+use mullion_client::frame::{FrameInput, Planner, ViewInput};
+use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
+use mullion_client::output::headless::write_png;
+use mullion_common::scene::{ChunkId, Package};
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::{Projection, ViewId, Wall, WallConfig};
+use mullion_server::cull::{Algorithm, Culler};
+use mullion_server::prepare::scene_bounds;
+use serde::Serialize;
+
+use crate::camera::Orbit;
+
+/// Size of the wall in all grids: divisible by their columns and rows.
+const WALL_PX: [u32; 2] = [480, 288];
+const WALL_M: [f64; 2] = [3.2, 1.92];
+/// A channel may differ by this much before a pixel counts as different.
+const CHANNEL_TOLERANCE: u8 = 2;
+/// At most so many of a wall's pixels may differ from one picture of the whole: those at edges of triangles.
+const MAX_DIFFERING_PERCENT: f64 = 0.1;
+
+/// Columns and rows of a wall.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Grid {
+    pub columns: u32,
+    pub rows: u32,
+}
+
+impl Grid {
+    /// Reads `4x4`.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let parsed = text.split_once('x').and_then(|(c, r)| Some((c.parse::<u32>().ok()?, r.parse::<u32>().ok()?)));
+        match parsed {
+            Some((columns @ 1..=16, rows @ 1..=16)) => Ok(Self { columns, rows }),
+            _ => Err(format!("{text:?} is no grid: columns x rows, each 1 to 16, as in 4x4")),
+        }
+    }
+
+    /// The wall of [`WALL_PX`] divided into this grid, which must divide it.
+    fn wall(self) -> Result<Wall> {
+        let (columns, rows) = (self.columns, self.rows);
+        let (width, height) = (WALL_PX[0] / columns, WALL_PX[1] / rows);
+        if width * columns != WALL_PX[0] || height * rows != WALL_PX[1] {
+            return Err(anyhow!("a grid of {columns}x{rows} does not divide {} x {} pixels", WALL_PX[0], WALL_PX[1]));
+        }
+        let (tile_w, tile_h) = (WALL_M[0] / f64::from(columns), WALL_M[1] / f64::from(rows));
+        let text = format!(
+            "[grid]\ncolumns = {columns}\nrows = {rows}\ntile_px = [{width}, {height}]\ntile_m = [{tile_w:?}, {tile_h:?}]\n"
+        );
+        WallConfig::parse(&text).map_err(|e| anyhow!("{e}"))
+    }
+}
+
+/// What was found for one scene.
+#[derive(Clone, Debug, Serialize)]
+pub struct SceneVerdict {
+    pub scene: String,
+    pub leaves: u32,
+    pub eyes: u32,
+    /// Tiles drawn twice, over all grids and eyes.
+    pub tiles_compared: u32,
+    /// Mean share of leaves that a tile's set leaves out.
+    pub culled_percent: f64,
+    /// Tiles whose colours or objects are not the same, bit for bit.
+    pub tiles_that_differ: u32,
+    /// Over all walls, the greatest share of pixels that differ by more than 2/255 from one picture of the whole.
+    pub worst_differing_percent: f64,
+    /// Objects of at least 2 × 2 pixels in one picture that the other lacks within one pixel.
+    pub objects_missing: u32,
+}
+
+impl SceneVerdict {
+    /// Whether culling changed no picture.
+    pub fn holds(&self) -> bool {
+        self.tiles_that_differ == 0 && self.worst_differing_percent <= MAX_DIFFERING_PERCENT && self.objects_missing == 0
+    }
+}
+
+/// A picture and the objects in it.
+struct Picture {
+    color: RgbaImage,
+    /// Row-major; 0 for none.
+    ids: Vec<u32>,
+}
+
+/// An eye and a room.
+struct Pose {
+    name: &'static str,
+    eye: DVec3,
+    world_from_room: DAffine3,
+}
+
+/// Draws a scene on walls of all grids from several eyes, one of them inside the scene.
+pub fn verify(
+    gpu: &Arc<Gpu>,
+    name: &str,
+    package: &Package,
+    grids: &[Grid],
+    algorithm: Algorithm,
+    pictures: Option<&Path>,
+) -> Result<SceneVerdict> {
+    let leaves = package.scene.leaf_count();
+    let whole_wall = Grid { columns: 1, rows: 1 }.wall()?;
+    let poses = poses(package, &whole_wall);
+    let mut verdict = SceneVerdict {
+        scene: name.to_owned(),
+        leaves,
+        eyes: poses.len() as u32,
+        tiles_compared: 0,
+        culled_percent: 0.0,
+        tiles_that_differ: 0,
+        worst_differing_percent: 0.0,
+        objects_missing: 0,
+    };
+    let mut painter = Painter::new(gpu, package, grids)?;
+    let all = VisibleSet::all(leaves);
+    let mut visible_pairs = 0u64;
+    for pose in &poses {
+        let projection = |wall: &Wall, view: u16| wall.projection(ViewId(view), pose.eye, &pose.world_from_room);
+        let whole = painter.draw(Painter::WHOLE, projection(&whole_wall, 0), &all)?;
+        if let Some(folder) = pictures {
+            write_png(&folder.join(format!("{name}-{}.png", pose.name)), &whole.color)?;
+        }
+        for (target, grid) in grids.iter().enumerate() {
+            let wall = grid.wall()?;
+            let mut sets = vec![VisibleSet::default(); wall.views().len()];
+            let eyes = vec![pose.eye; wall.views().len()];
+            Culler::new(algorithm, &wall).cull(&package.scene.hierarchy, &wall, &eyes, &pose.world_from_room, &mut sets);
+            let mut composite = Composite::new();
+            for (view, set) in sets.iter().enumerate() {
+                let target = ViewId(target as u16 + 1);
+                let culled = painter.draw(target, projection(&wall, view as u16), set)?;
+                let uncut = painter.draw(target, projection(&wall, view as u16), &all)?;
+                let same = culled.color.as_raw() == uncut.color.as_raw() && culled.ids == uncut.ids;
+                verdict.tiles_compared += 1;
+                verdict.tiles_that_differ += u32::from(!same);
+                visible_pairs += u64::from(set.len());
+                composite.place(&culled, wall.tile(wall.views()[view].tile).place);
+            }
+            let differing = differing_percent(&composite.0.color, &whole.color);
+            let missing = missing_objects(&composite.0.ids, &whole.ids) + missing_objects(&whole.ids, &composite.0.ids);
+            verdict.worst_differing_percent = verdict.worst_differing_percent.max(differing);
+            verdict.objects_missing += missing;
+            if let (Some(folder), true) = (pictures, missing > 0 || differing > MAX_DIFFERING_PERCENT) {
+                let stem = format!("{name}-{}-{}x{}", pose.name, grid.columns, grid.rows);
+                write_png(&folder.join(format!("{stem}-composite.png")), &composite.0.color)?;
+                write_png(&folder.join(format!("{stem}-difference.png")), &difference(&composite.0.color, &whole.color))?;
+            }
+        }
+    }
+    let pairs = u64::from(verdict.tiles_compared) * u64::from(leaves);
+    verdict.culled_percent = if pairs == 0 { 0.0 } else { 100.0 - 100.0 * visible_pairs as f64 / pairs as f64 };
+    Ok(verdict)
+}
+
+/// From outside with all in view, from close and far off the wall's axis, from the middle of the scene, and from the
+/// middle of a leaf.
+fn poses(package: &Package, wall: &Wall) -> Vec<Pose> {
+    let front = wall.default_eyes()[0];
+    let aside = front + DVec3::new(2.9, -1.3, -3.0);
+    let orbit = Orbit::new(package, wall, 10);
+    let inside = |name, eye: DVec3, stand: DVec3, turn: f64| {
+        let scale = orbit.scale();
+        let turned = DAffine3::from_scale_rotation_translation(DVec3::splat(scale), DQuat::from_rotation_y(turn), DVec3::ZERO);
+        Pose { name, eye, world_from_room: DAffine3 { translation: stand - turned.transform_point3(eye), ..turned } }
+    };
+    let middle = scene_bounds(package).map_or(DVec3::ZERO, |b| b.center());
+    let nodes = package.scene.hierarchy.nodes();
+    let leaf = nodes.iter().filter(|n| n.leaves.len() == 1).nth(nodes.len() / 5).or(nodes.last());
+    vec![
+        Pose { name: "outside", eye: front, world_from_room: orbit.pose(0) },
+        Pose { name: "aside", eye: aside, world_from_room: orbit.pose(9) },
+        inside("middle", front, middle, 0.6),
+        inside("leaf", aside, leaf.map_or(middle, |n| n.bound.center), -2.2),
+    ]
+}
+
+/// One scene on the GPU, all of it, with a target for the whole wall and one for a tile of each grid.
+struct Painter<'a> {
+    package: &'a Package,
+    renderer: Renderer,
+    planner: Planner,
+}
+
+impl<'a> Painter<'a> {
+    const WHOLE: ViewId = ViewId(0);
+
+    fn new(gpu: &Arc<Gpu>, package: &'a Package, grids: &[Grid]) -> Result<Self> {
+        let manifest = Arc::new(package.scene.manifest.clone());
+        let mut targets = vec![ViewTarget { view: Self::WHOLE, size_px: WALL_PX }];
+        for (i, grid) in grids.iter().enumerate() {
+            targets.push(ViewTarget { view: ViewId(i as u16 + 1), size_px: grid.wall()?.tiles()[0].size_px });
+        }
+        let mut renderer = Renderer::new(Arc::clone(gpu), manifest, &targets, Attachments::ColorAndIds)?;
+        for chunk in (0..package.scene.manifest.chunks.len() as u32).map(ChunkId) {
+            renderer.upload(chunk, package.chunk(chunk)).with_context(|| format!("chunk {}", chunk.0))?;
+        }
+        Ok(Self { package, renderer, planner: Planner::new() })
+    }
+
+    fn draw(&mut self, target: ViewId, projection: Projection, visible: &VisibleSet) -> Result<Picture> {
+        let plan = self.planner.begin(FrameInput {
+            views: &[ViewInput { view: target, projection, visible }],
+            shared_eye: projection.eye,
+            manifest: &self.package.scene.manifest,
+            transforms: self.renderer.transforms(),
+            resident: &|_| true,
+        });
+        self.renderer.draw(plan)?;
+        Ok(Picture { color: self.renderer.read_color(target)?, ids: self.renderer.read_ids(target)? })
+    }
+}
+
+/// The wall's picture, tile by tile.
+struct Composite(Picture);
+
+impl Composite {
+    fn new() -> Self {
+        let [width, height] = WALL_PX;
+        Self(Picture { color: RgbaImage::new(width, height), ids: vec![0; (width * height) as usize] })
+    }
+
+    fn place(&mut self, tile: &Picture, [column, row]: [u32; 2]) {
+        let (width, height) = tile.color.dimensions();
+        let (left, top) = (column * width, row * height);
+        image::imageops::replace(&mut self.0.color, &tile.color, i64::from(left), i64::from(top));
+        for y in 0..height {
+            let from = &tile.ids[(y * width) as usize..][..width as usize];
+            let at = ((top + y) * WALL_PX[0] + left) as usize;
+            self.0.ids[at..at + width as usize].copy_from_slice(from);
+        }
+    }
+}
+
+fn differs(a: &Rgba<u8>, b: &Rgba<u8>) -> bool {
+    a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > CHANNEL_TOLERANCE)
+}
+
+fn differing_percent(a: &RgbaImage, b: &RgbaImage) -> f64 {
+    let differing = a.pixels().zip(b.pixels()).filter(|(a, b)| differs(a, b)).count();
+    100.0 * differing as f64 / (a.width() * a.height()) as f64
+}
+
+fn difference(a: &RgbaImage, b: &RgbaImage) -> RgbaImage {
+    let mut out = a.clone();
+    for ((out, a), b) in out.pixels_mut().zip(a.pixels()).zip(b.pixels()) {
+        *out = if differs(a, b) { Rgba([255, 0, 0, 255]) } else { Rgba([a[0] / 3, a[1] / 3, a[2] / 3, 255]) };
+    }
+    out
+}
+
+/// How many objects fill a block of 2 × 2 pixels somewhere in `a`, without a pixel in `b` there or within one pixel.
+fn missing_objects(a: &[u32], b: &[u32]) -> u32 {
+    let [width, height] = WALL_PX.map(|v| v as usize);
+    let mut missing: Vec<u32> = Vec::new();
+    for (y, x) in (0..height - 1).flat_map(|y| (0..width - 1).map(move |x| (y, x))) {
+        let id = a[y * width + x];
+        let block = [a[y * width + x + 1], a[(y + 1) * width + x], a[(y + 1) * width + x + 1]];
+        if id == 0 || block != [id; 3] {
+            continue;
+        }
+        let rows = y.saturating_sub(1)..(y + 3).min(height);
+        let columns = x.saturating_sub(1)..(x + 3).min(width);
+        let found = rows.into_iter().any(|y| b[y * width..][columns.clone()].contains(&id));
+        if !found {
+            missing.push(id);
+        }
+    }
+    missing.sort_unstable();
+    missing.dedup();
+    missing.len() as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_object_is_found_and_a_shifted_one_is_not() {
+        let [width, height] = WALL_PX.map(|v| v as usize);
+        let mut with = vec![0; width * height];
+        let mut shifted = with.clone();
+        for (y, x) in [(5, 7), (5, 8), (6, 7), (6, 8)] {
+            with[y * width + x] = 9;
+            shifted[(y + 1) * width + x + 1] = 9;
+        }
+        let without = vec![0; width * height];
+        assert_eq!(missing_objects(&with, &without), 1);
+        assert_eq!(missing_objects(&with, &shifted), 0);
+        assert_eq!(missing_objects(&without, &with), 0);
+        let mut thin = without.clone();
+        thin[..width].fill(3); // one pixel high
+        assert_eq!(missing_objects(&thin, &without), 0);
+    }
+}
