@@ -53,6 +53,11 @@ impl Orbit {
         }
     }
 
+    /// What the walk goes round.
+    pub fn center(&self) -> DVec3 {
+        self.center
+    }
+
     /// Metres of the world in a metre of the room.
     pub fn scale(&self) -> f64 {
         self.scale

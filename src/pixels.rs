@@ -1,5 +1,6 @@
 //! Compares pictures: tiles drawn from visible sets with tiles drawn from everything, and the wall with one picture.
 
+use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -13,7 +14,6 @@ use mullion_common::scene::{ChunkId, Package};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Projection, ViewId, Wall, WallConfig};
 use mullion_server::cull::{Algorithm, Culler};
-use mullion_server::prepare::scene_bounds;
 use serde::Serialize;
 
 use crate::camera::Orbit;
@@ -64,6 +64,8 @@ pub struct SceneVerdict {
     pub scene: String,
     pub leaves: u32,
     pub eyes: u32,
+    /// Objects seen in the pictures of the whole wall, summed over the eyes.
+    pub objects_seen: u32,
     /// Tiles drawn twice, over all grids and eyes.
     pub tiles_compared: u32,
     /// Mean share of leaves that a tile's set leaves out.
@@ -113,6 +115,7 @@ pub fn verify(
         scene: name.to_owned(),
         leaves,
         eyes: poses.len() as u32,
+        objects_seen: 0,
         tiles_compared: 0,
         culled_percent: 0.0,
         tiles_that_differ: 0,
@@ -125,6 +128,7 @@ pub fn verify(
     for pose in &poses {
         let projection = |wall: &Wall, view: u16| wall.projection(ViewId(view), pose.eye, &pose.world_from_room);
         let whole = painter.draw(Painter::WHOLE, projection(&whole_wall, 0), &all)?;
+        verdict.objects_seen += whole.ids.iter().filter(|id| **id != 0).collect::<HashSet<_>>().len() as u32;
         if let Some(folder) = pictures {
             write_png(&folder.join(format!("{name}-{}.png", pose.name)), &whole.color)?;
         }
@@ -160,25 +164,29 @@ pub fn verify(
     Ok(verdict)
 }
 
-/// From outside with all in view, from close and far off the wall's axis, from the middle of the scene, and from the
+/// From outside with all in view, from close with the eye far off the wall's axis, from the middle of the scene, and from the
 /// middle of a leaf.
 fn poses(package: &Package, wall: &Wall) -> Vec<Pose> {
     let front = wall.default_eyes()[0];
     let aside = front + DVec3::new(2.9, -1.3, -3.0);
     let orbit = Orbit::new(package, wall, 10);
-    let inside = |name, eye: DVec3, stand: DVec3, turn: f64| {
-        let scale = orbit.scale();
-        let turned = DAffine3::from_scale_rotation_translation(DVec3::splat(scale), DQuat::from_rotation_y(turn), DVec3::ZERO);
+    // The room turned and placed so that `eye` is at `stand` and sees `target` through the middle of the wall.
+    let pose = |name, eye: DVec3, stand: DVec3, target: DVec3| {
+        let ahead = (target - stand).try_normalize().unwrap_or(DVec3::X);
+        let turn = DQuat::from_rotation_arc((-eye).normalize(), ahead);
+        let turned = DAffine3::from_scale_rotation_translation(DVec3::splat(orbit.scale()), turn, DVec3::ZERO);
         Pose { name, eye, world_from_room: DAffine3 { translation: stand - turned.transform_point3(eye), ..turned } }
     };
-    let middle = scene_bounds(package).map_or(DVec3::ZERO, |b| b.center());
+    let start = orbit.pose(0);
+    let near = orbit.pose(9).transform_point3(front);
     let nodes = package.scene.hierarchy.nodes();
-    let leaf = nodes.iter().filter(|n| n.leaves.len() == 1).nth(nodes.len() / 5).or(nodes.last());
+    let leaf = nodes.iter().filter(|n| n.leaves.len() == 1).nth(package.scene.leaf_count() as usize / 5);
+    let leaf = leaf.map_or(orbit.center(), |n| n.bound.center);
     vec![
-        Pose { name: "outside", eye: front, world_from_room: orbit.pose(0) },
-        Pose { name: "aside", eye: aside, world_from_room: orbit.pose(9) },
-        inside("middle", front, middle, 0.6),
-        inside("leaf", aside, leaf.map_or(middle, |n| n.bound.center), -2.2),
+        Pose { name: "outside", eye: front, world_from_room: start },
+        pose("aside", aside, near, orbit.center()),
+        pose("middle", front, orbit.center(), leaf),
+        pose("leaf", aside, leaf, orbit.center()),
     ]
 }
 

@@ -18,15 +18,10 @@ fn read(path: &Path) -> Result<SourceScene, ImportError> {
 fn triangles(scene: &SourceScene) -> usize {
     let of_mesh = |mesh: u32| {
         let primitives = &scene.meshes[mesh as usize].primitives;
-        primitives
-            .iter()
-            .map(|p| p.indices.len() / 3)
-            .sum::<usize>()
+        primitives.iter().map(|p| p.indices.len() / 3).sum::<usize>()
     };
     let nodes = scene.nodes.iter();
-    nodes
-        .map(|n| n.mesh.map_or(0, of_mesh) * n.instances.len().max(1))
-        .sum()
+    nodes.map(|n| n.mesh.map_or(0, of_mesh) * n.instances.len().max(1)).sum()
 }
 
 #[test]
@@ -53,11 +48,7 @@ fn models_agree_with_the_gltf_crate() {
         for warning in scene.warnings.iter().take(3) {
             println!("    {warning}");
         }
-        assert_eq!(
-            scene.nodes.len() as u64,
-            entry["nodes"].as_u64().unwrap(),
-            "{name}"
-        );
+        assert_eq!(scene.nodes.len() as u64, entry["nodes"].as_u64().unwrap(), "{name}");
         let expected = entry["triangles_instanced"].as_u64().unwrap();
         assert_eq!(triangles(&scene) as u64, expected, "{name}");
         compare(&path, &scene);
@@ -76,8 +67,7 @@ fn compare(path: &Path, scene: &SourceScene) {
             }
             let ours = ours.next().unwrap();
             assert_eq!(ours.gltf_primitive as usize, theirs.index());
-            let reader =
-                theirs.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
+            let reader = theirs.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
             let positions = reader.read_positions().unwrap();
             assert!(positions.eq(ours.positions.iter().map(|p| p.to_array())));
             match reader.read_normals() {
@@ -97,17 +87,9 @@ fn compare(path: &Path, scene: &SourceScene) {
     for (theirs, ours) in document.nodes().zip(&scene.nodes) {
         let matrix = glam::Mat4::from_cols_array_2d(&theirs.transform().matrix());
         let own = glam::DMat4::from(ours.parent_from_local).as_mat4();
-        assert!(
-            matrix.abs_diff_eq(own, 1e-3 * own.abs_max()),
-            "{matrix} {own}"
-        );
+        assert!(matrix.abs_diff_eq(own, 1e-3 * own.abs_max()), "{matrix} {own}");
         assert_eq!(theirs.mesh().map(|m| m.index() as u32), ours.mesh);
-        assert!(
-            theirs
-                .children()
-                .map(|c| c.index() as u32)
-                .eq(ours.children.iter().copied())
-        );
+        assert!(theirs.children().map(|c| c.index() as u32).eq(ours.children.iter().copied()));
     }
 }
 
@@ -117,9 +99,7 @@ trait AbsMax {
 
 impl AbsMax for glam::Mat4 {
     fn abs_max(&self) -> f32 {
-        self.to_cols_array()
-            .into_iter()
-            .fold(1.0, |most, value| most.max(value.abs()))
+        self.to_cols_array().into_iter().fold(1.0, |most, value| most.max(value.abs()))
     }
 }
 
@@ -139,26 +119,14 @@ fn edge_cases_load_or_say_why() {
         }
         if let Err(error) = &outcome {
             let line = error.to_string();
-            assert!(
-                !line.contains('\n') && line.contains(name.rsplit('/').next().unwrap()),
-                "{line}"
-            );
+            assert!(!line.contains('\n') && line.contains(name.rsplit('/').next().unwrap()), "{line}");
         }
         // A valid file loads, or the error names what it needs: an extension, or a later glTF.
         let needs_more = match &outcome {
-            Err(ImportError {
-                kind: ImportErrorKind::Extension(_),
-                ..
-            }) => true,
-            Err(ImportError {
-                kind: ImportErrorKind::Version(why),
-                ..
-            }) => why.starts_with("minVersion 2.1,"),
+            Err(ImportError { kind: ImportErrorKind::Extension(_), .. }) => true,
+            Err(ImportError { kind: ImportErrorKind::Version(why), .. }) => why.starts_with("minVersion 2.1,"),
             _ => false,
         };
-        assert!(
-            !valid || outcome.is_ok() || needs_more,
-            "{name} is valid: {outcome:?}"
-        );
+        assert!(!valid || outcome.is_ok() || needs_more, "{name} is valid: {outcome:?}");
     }
 }

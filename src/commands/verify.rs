@@ -58,8 +58,8 @@ pub fn run(options: &Options) -> Result<()> {
     let gpu = Gpu::open(GpuOptions::default())?;
     println!("{}", gpu.describe());
     println!(
-        "{:28} {:>9} {:>6} {:>7} {:>9} {:>10} {:>8}  verdict",
-        "scene", "leaves", "tiles", "culled", "tiles ≠", "pixels ≠", "objects"
+        "{:28} {:>7} {:>8} {:>6} {:>7} {:>8} {:>9} {:>8}  verdict",
+        "scene", "leaves", "objects", "tiles", "culled", "tiles ≠", "pixels ≠", "missing"
     );
     let mut verdicts = Vec::new();
     for path in &scenes {
@@ -79,9 +79,10 @@ pub fn run(options: &Options) -> Result<()> {
 
 fn print_verdict(v: &SceneVerdict) {
     println!(
-        "{:28} {:9} {:6} {:6.1}% {:9} {:9.4}% {:8}  {}",
+        "{:28} {:7} {:8} {:6} {:6.1}% {:8} {:8.4}% {:8}  {}",
         v.scene,
         v.leaves,
+        v.objects_seen,
         v.tiles_compared,
         v.culled_percent,
         v.tiles_that_differ,

@@ -4,8 +4,9 @@ use mullion_common::geometry::Containment;
 use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::VisibleSet;
 
+use super::CullStats;
+use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guard};
 use super::oh::{self, Open};
-use super::{CullStats, FrustumHierarchy, FrustumNode};
 
 /// Culls the object hierarchy to the frustum hierarchy.
 ///
@@ -13,14 +14,15 @@ use super::{CullStats, FrustumHierarchy, FrustumNode};
 /// the frustum hierarchy: where a bisection plane misses the node, only that side of the frustum hierarchy goes on
 /// with it whole; where the plane cuts it, the object hierarchy unfolds, and each child is classified in turn (the
 /// paper's L, C, R). A leaf that is cut goes to both sides. At the frustum hierarchy's leaves the object hierarchy alone goes
-/// on, with the view's planes: the terminal visibility check that walls with gaps and overlaps need.
+/// on, with those of the view's planes that no test on the way has settled: the terminal visibility check that walls
+/// with gaps and overlaps need.
 ///
 /// The paper's Algorithm 2 classifies a node's *children*, which loses nodes that have none; its prose, followed
 /// here, lets the frustum hierarchy alone descend at the object hierarchy's leaves.
 pub(super) fn cull(
     hierarchy: &ObjectHierarchy,
     frusta: &FrustumHierarchy,
-    stack: &mut Vec<(u32, u32)>,
+    stack: &mut Vec<Pair>,
     descent: &mut Vec<Open>,
     sets: &mut [VisibleSet],
 ) -> CullStats {
@@ -49,7 +51,8 @@ pub(super) fn cull(
             continue;
         }
         if containment != Containment::Outside {
-            cull_both(hierarchy, frusta, at, stack, descent, sets, &mut stats);
+            let in_primary = containment == Containment::Inside;
+            cull_both(hierarchy, frusta, (at, in_primary), stack, descent, sets, &mut stats);
         }
         at = node.subtree_end;
     }
@@ -58,41 +61,62 @@ pub(super) fn cull(
     stats
 }
 
+/// A node of the object hierarchy, one of the frustum hierarchy that it meets, and what is known of the two.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pair {
+    oh: u32,
+    fh: u32,
+    /// Depth of the frustum hierarchy's node.
+    depth: u8,
+    /// Bit d: the node is wholly on this side of the bisection plane of the ancestor at depth d.
+    parted: u32,
+}
+
 fn cull_both(
     hierarchy: &ObjectHierarchy,
     frusta: &FrustumHierarchy,
-    node: u32,
-    stack: &mut Vec<(u32, u32)>,
+    (node, in_primary): (u32, bool),
+    stack: &mut Vec<Pair>,
     descent: &mut Vec<Open>,
     sets: &mut [VisibleSet],
     stats: &mut CullStats,
 ) {
     stack.clear();
-    stack.push((node, 0));
-    while let Some((at, fh)) = stack.pop() {
-        match *frusta.node(fh) {
+    stack.push(Pair { oh: node, fh: 0, depth: 0, parted: 0 });
+    while let Some(pair) = stack.pop() {
+        match *frusta.node(pair.fh) {
             FrustumNode::Views { start, end } => {
-                for &view in frusta.views_of(start, end) {
+                for (view, guards) in frusta.views_of(start, end) {
+                    let untested = |guard: &Guard| match guard {
+                        Guard::None => true,
+                        Guard::Primary => !in_primary,
+                        Guard::Split(depth) => pair.parted & (1 << depth) == 0,
+                    };
+                    let mask = (0..5).filter(|k| untested(&guards[*k])).fold(0, |mask, k| mask | (1 << k));
                     let set = &mut sets[usize::from(view)];
                     let frustum = &frusta.views()[usize::from(view)];
-                    oh::descend(hierarchy, at, frustum, descent, stats, &mut |leaves| set.push_unordered(leaves));
+                    oh::descend(hierarchy, pair.oh, frustum, mask, descent, stats, &mut |leaves| set.push_unordered(leaves));
                 }
             }
             FrustumNode::Split { view, side, negative, positive } => {
-                let current = &hierarchy.nodes()[at as usize];
+                let current = &hierarchy.nodes()[pair.oh as usize];
                 let frustum = &frusta.views()[usize::from(view)];
                 stats.nodes_visited += 1;
                 stats.plane_tests += 1;
+                let depth = pair.depth + 1;
+                let parted = pair.parted | (1 << pair.depth);
                 match frustum.plane(side).classify(&current.bound, frustum.eye) {
-                    Containment::Inside => stack.push((at, positive)),
-                    Containment::Outside => stack.push((at, negative)),
-                    Containment::Cut if current.subtree_end == at + 1 => stack.extend([(at, positive), (at, negative)]),
+                    Containment::Inside => stack.push(Pair { fh: positive, depth, parted, ..pair }),
+                    Containment::Outside => stack.push(Pair { fh: negative, depth, parted, ..pair }),
+                    Containment::Cut if current.subtree_end == pair.oh + 1 => {
+                        stack.extend([Pair { fh: positive, depth, ..pair }, Pair { fh: negative, depth, ..pair }]);
+                    }
                     Containment::Cut => {
                         // Children are visited in order: they are pushed in order, then turned round.
                         let first = stack.len();
-                        let mut child = at + 1;
+                        let mut child = pair.oh + 1;
                         while child < current.subtree_end {
-                            stack.push((child, fh));
+                            stack.push(Pair { oh: child, ..pair });
                             child = hierarchy.nodes()[child as usize].subtree_end;
                         }
                         stack[first..].reverse();

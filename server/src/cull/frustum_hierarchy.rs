@@ -30,10 +30,23 @@ pub struct FrustumHierarchy {
     /// Below each node: range in `members`. Views of a `Views` node stand there too.
     below: Vec<(u32, u32)>,
     members: Vec<u16>,
+    /// For each entry of `members` that stands below a `Views` node, what has tested its view's planes before.
+    guards: Vec<[Guard; 5]>,
     /// Sides of views' frusta that have all views inside.
     primary_sides: Vec<(u16, FrustumSide)>,
     /// The same in the world, with the eye of each.
     primary: Vec<(Plane, DVec3)>,
+}
+
+/// Which earlier test tells that a node is inside a view's plane, so that the terminal check can leave it out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Guard {
+    /// None: the plane is the view's alone.
+    None,
+    /// A plane of the primary frustum.
+    Primary,
+    /// The bisection plane of the ancestor at this depth, the root's being 0.
+    Split(u8),
 }
 
 /// How much of a view may lie on the wrong side of a plane and still count as rounding.
@@ -52,6 +65,7 @@ impl FrustumHierarchy {
             nodes: Vec::new(),
             below: Vec::new(),
             members: Vec::new(),
+            guards: Vec::new(),
             primary_sides: Vec::new(),
             primary: Vec::new(),
         };
@@ -64,7 +78,9 @@ impl FrustumHierarchy {
     pub fn update(&mut self, room: impl Iterator<Item = Frustum>) {
         self.room.clear();
         self.room.extend(room);
-        if !self.still_parts() {
+        if self.still_parts() {
+            self.find_guards(0, &mut Vec::new());
+        } else {
             self.build();
         }
     }
@@ -97,9 +113,10 @@ impl FrustumHierarchy {
         &self.nodes[id as usize]
     }
 
-    /// The views of a [`FrustumNode::Views`].
-    pub fn views_of(&self, start: u32, end: u32) -> &[u16] {
-        &self.members[start as usize..end as usize]
+    /// The views of a [`FrustumNode::Views`], and for each of its planes (by [`FrustumSide`]) what tested it before.
+    pub fn views_of(&self, start: u32, end: u32) -> impl Iterator<Item = (u16, &[Guard; 5])> {
+        let range = start as usize..end as usize;
+        self.members[range.clone()].iter().copied().zip(&self.guards[range])
     }
 
     fn build(&mut self) {
@@ -109,6 +126,8 @@ impl FrustumHierarchy {
         let all: Vec<u16> = (0..self.room.len() as u16).collect();
         self.primary_sides = primary_sides(&self.room);
         self.build_node(&all);
+        self.guards = vec![[Guard::None; 5]; self.members.len()];
+        self.find_guards(0, &mut Vec::new());
     }
 
     /// Adds the node over `views`. At most 20 deep: each split leaves at most three quarters.
@@ -125,12 +144,44 @@ impl FrustumHierarchy {
                 let room = &self.room;
                 views.iter().copied().filter(|v| side_of(&room[usize::from(*v)], &plane) != wrong).collect::<Vec<_>>()
             };
-            let (below, above) = (on(Containment::Inside), on(Containment::Outside));
+            let (below, beyond) = (on(Containment::Inside), on(Containment::Outside));
             let negative = self.build_node(&below);
-            let positive = self.build_node(&above);
+            let positive = self.build_node(&beyond);
             self.nodes[id as usize] = FrustumNode::Split { view, side, negative, positive };
         }
         id
+    }
+
+    /// Finds the guards of all views below `node`, whose ancestors' planes are `above`, positive on its side.
+    fn find_guards(&mut self, node: u32, above: &mut Vec<Plane>) {
+        match self.nodes[node as usize] {
+            FrustumNode::Views { start, end } => {
+                for at in start as usize..end as usize {
+                    self.guards[at] = self.guards_of(self.members[at], above);
+                }
+            }
+            FrustumNode::Split { view, side, negative, positive } => {
+                let plane = *self.room[usize::from(view)].plane(side);
+                for (child, plane) in [(negative, plane.flipped()), (positive, plane)] {
+                    above.push(plane);
+                    self.find_guards(child, above);
+                    above.pop();
+                }
+            }
+        }
+    }
+
+    fn guards_of(&self, view: u16, above: &[Plane]) -> [Guard; 5] {
+        let frustum = &self.room[usize::from(view)];
+        ALL_SIDES.map(|side| {
+            let plane = frustum.plane(side);
+            let primary = |(v, s): &(u16, FrustumSide)| same_plane(self.room[usize::from(*v)].plane(*s), plane);
+            if self.primary_sides.iter().any(primary) {
+                return Guard::Primary;
+            }
+            let split = above.iter().position(|p| same_plane(p, plane));
+            split.map_or(Guard::None, |depth| Guard::Split(depth as u8))
+        })
     }
 
     /// Whether every view still lies where the tree has it, and the primary planes still hold all views.
@@ -216,15 +267,17 @@ fn primary_sides(room: &[Frustum]) -> Vec<(u16, FrustumSide)> {
         let plane = room[usize::from(view)].plane(side);
         let is_near = side == FrustumSide::Near;
         let holds = |f: &Frustum| if is_near { near_holds(f, plane) } else { side_of(f, plane) == Containment::Inside };
-        let same = |(v, s): &(u16, FrustumSide)| {
-            let other = room[usize::from(*v)].plane(*s);
-            other.normal.dot(plane.normal) > 1.0 - 1e-12 && (other.offset_m - plane.offset_m).abs() < 1e-9
-        };
+        let same = |(v, s): &(u16, FrustumSide)| same_plane(room[usize::from(*v)].plane(*s), plane);
         if sides.len() < MAX_PLANES && !sides.iter().any(same) && room.iter().all(holds) {
             sides.push((view, side));
         }
     }
     sides
+}
+
+/// Whether two planes are one up to rounding, which the slack of the box tests covers.
+fn same_plane(a: &Plane, b: &Plane) -> bool {
+    (a.normal - b.normal).length() < ANGULAR_TOLERANCE && (a.offset_m - b.offset_m).abs() < ANGULAR_TOLERANCE
 }
 
 /// Whether what a view sees past its own near plane is past this one: it starts further away and opens forward.

@@ -16,7 +16,7 @@ use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 
-pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode};
+pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guard};
 
 /// How to cull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,7 +72,7 @@ pub struct Culler {
     algorithm: Algorithm,
     frusta: FrustumHierarchy,
     room_eyes: Vec<DVec3>,
-    stack: Vec<(u32, u32)>,
+    stack: Vec<adaptive::Pair>,
     descent: Vec<oh::Open>,
 }
 

@@ -20,31 +20,35 @@ pub(super) fn cull(
 ) -> CullStats {
     let mut stats = CullStats::default();
     for (frustum, set) in views.iter().zip(sets) {
-        descend(hierarchy, 0, frustum, descent, &mut stats, &mut |leaves| set.push(leaves));
+        descend(hierarchy, 0, frustum, ALL_PLANES, descent, &mut stats, &mut |leaves| set.push(leaves));
     }
     stats
 }
 
-/// Emits the leaves below `node` that a view may see, in ascending order.
+/// A bit for each of a frustum's planes.
+pub(super) const ALL_PLANES: u8 = (1 << 5) - 1;
+
+/// Emits the leaves below `node` that a view may see, in ascending order. `mask`: the planes that may cut the node; it is
+/// known to be inside the others.
 pub(super) fn descend(
     hierarchy: &ObjectHierarchy,
     node: u32,
     frustum: &Frustum,
+    mask: u8,
     open: &mut Vec<Open>,
     stats: &mut CullStats,
     emit: &mut impl FnMut(LeafRange),
 ) {
-    const ALL_PLANES: u8 = (1 << 5) - 1;
     let nodes = hierarchy.nodes();
     let end = nodes[node as usize].subtree_end;
     let mut at = node;
     open.clear();
-    open.push((end, ALL_PLANES));
+    open.push((end, mask));
     while at < end {
         while open.last().is_some_and(|(subtree_end, _)| *subtree_end <= at) {
             open.pop();
         }
-        let mask = open.last().map_or(ALL_PLANES, |(_, mask)| *mask);
+        let mask = open.last().map_or(mask, |(_, mask)| *mask);
         let current = &nodes[at as usize];
         stats.nodes_visited += 1;
         let left = cut_planes(&frustum.planes, mask, &current.bound, frustum.eye, stats);

@@ -6,9 +6,7 @@ mod building;
 mod furniture;
 mod street;
 
-use super::glb_writer::{
-    Alpha, GenerateReport, GlbWriter, MaterialId, NodeId, Place, Sides, TextureId,
-};
+use super::glb_writer::{Alpha, GenerateReport, GlbWriter, MaterialId, NodeId, Place, Sides, TextureId};
 use super::random::Random;
 use super::solid::{Color, Geometry, srgb};
 use super::textures::{self, Facade};
@@ -59,13 +57,7 @@ impl Palette {
         let texture = self.facade_textures[kind as usize];
         *self.facades.entry((kind, tint)).or_insert_with(|| {
             let name = format!("{kind:?} facade {tint}");
-            glb.material(
-                &name,
-                factor(TINTS[tint]),
-                Some(texture),
-                Alpha::Opaque,
-                Sides::One,
-            )
+            glb.material(&name, factor(TINTS[tint]), Some(texture), Alpha::Opaque, Sides::One)
         })
     }
 }
@@ -79,44 +71,20 @@ pub fn generate(seed: u64) -> (Vec<u8>, GenerateReport) {
     let mut random = Random::new(seed);
     let mut glb = GlbWriter::default();
     let mut art = random.fork();
-    let facade_textures = [Facade::Plaster, Facade::Brick, Facade::Office]
-        .map(|kind| glb.texture(textures::facade(kind, &mut art)));
-    let [asphalt, paving, grass, leaves] = [
-        textures::asphalt,
-        textures::paving,
-        textures::grass,
-        textures::leaves,
-    ]
-    .map(|draw| glb.texture(draw(&mut art)));
+    let facade_textures =
+        [Facade::Plaster, Facade::Brick, Facade::Office].map(|kind| glb.texture(textures::facade(kind, &mut art)));
+    let [asphalt, paving, grass, leaves] =
+        [textures::asphalt, textures::paving, textures::grass, textures::leaves].map(|draw| glb.texture(draw(&mut art)));
     let white = [1.0; 4];
     let paint = glb.material("paint", white, None, Alpha::Opaque, Sides::One);
-    let stone = glb.material(
-        "stone",
-        factor(srgb(214, 202, 184)),
-        Some(paving),
-        Alpha::Opaque,
-        Sides::One,
-    );
-    let glass = glb.material(
-        "glass",
-        [0.25, 0.35, 0.4, 0.35],
-        None,
-        Alpha::Blend,
-        Sides::One,
-    );
+    let stone = glb.material("stone", factor(srgb(214, 202, 184)), Some(paving), Alpha::Opaque, Sides::One);
+    let glass = glb.material("glass", [0.25, 0.35, 0.4, 0.35], None, Alpha::Blend, Sides::One);
     let asphalt = glb.material("asphalt", white, Some(asphalt), Alpha::Opaque, Sides::One);
     let pavement = glb.material("pavement", white, Some(paving), Alpha::Opaque, Sides::One);
     let grass = glb.material("grass", white, Some(grass), Alpha::Opaque, Sides::One);
     let leaves = glb.material("leaves", white, Some(leaves), Alpha::Mask, Sides::Both);
     let stock = Stock::new(&mut glb, paint);
-    let mut palette = Palette {
-        paint,
-        stone,
-        glass,
-        stock,
-        facade_textures,
-        facades: BTreeMap::new(),
-    };
+    let mut palette = Palette { paint, stone, glass, stock, facade_textures, facades: BTreeMap::new() };
     let street = street::Furniture::new(&mut glb, paint, leaves, glass, &mut art);
 
     let city = glb.node(None, "city".into(), None, Place::at(Vec3::ZERO));
@@ -127,28 +95,13 @@ pub fn generate(seed: u64) -> (Vec<u8>, GenerateReport) {
         let middle = (BLOCKS - 1) as f32 / 2.0;
         let cell = Vec2::new((b % BLOCKS) as f32 - middle, (b / BLOCKS) as f32 - middle);
         let center = vec3(cell.x * PITCH_X_M, 0.0, cell.y * PITCH_Z_M);
-        let block = glb.node(
-            Some(city),
-            format!("block {}", b + 1),
-            None,
-            Place::at(center),
-        );
-        glb.node(
-            Some(block),
-            "sidewalk".into(),
-            Some(sidewalk),
-            Place::at(Vec3::ZERO),
-        );
+        let block = glb.node(Some(city), format!("block {}", b + 1), None, Place::at(center));
+        glb.node(Some(block), "sidewalk".into(), Some(sidewalk), Place::at(Vec3::ZERO));
         for lot in 0..LOTS_X * LOTS_Z {
             let mut random = random.fork();
             let plan = Plan::draw(&mut random, 1.0 / (1.0 + 0.4 * cell.length_squared()));
             let place = lot_place(lot, &plan);
-            let node = glb.node(
-                Some(block),
-                format!("building {}-{}", b + 1, lot + 1),
-                None,
-                place,
-            );
+            let node = glb.node(Some(block), format!("building {}-{}", b + 1, lot + 1), None, place);
             building::build(&mut glb, &mut palette, node, &plan, &mut random);
         }
         line_streets(&mut glb, block, &street, &mut random);
@@ -171,32 +124,16 @@ fn lot_place(lot: usize, plan: &Plan) -> Place {
 }
 
 /// Grass below, asphalt up to the outer edge of the outermost street, markings on it.
-fn ground(
-    glb: &mut GlbWriter,
-    city: NodeId,
-    asphalt: MaterialId,
-    grass: MaterialId,
-    paint: MaterialId,
-) {
+fn ground(glb: &mut GlbWriter, city: NodeId, asphalt: MaterialId, grass: MaterialId, paint: MaterialId) {
     let half = Vec2::new(PITCH_X_M, PITCH_Z_M) * BLOCKS as f32 / 2.0 + STREET_M / 2.0;
     let mut field = Geometry::default();
     // Four strips around the asphalt: nothing lies in the same plane as something else.
     let (x, z, far_x, far_z) = (half.x, half.y, half.x + MARGIN_M, half.y + MARGIN_M);
-    for [x0, z0, x1, z1] in [
-        [-far_x, z, far_x, far_z],
-        [-far_x, -far_z, far_x, -z],
-        [x, -z, far_x, z],
-        [-far_x, -z, -x, z],
-    ] {
+    for [x0, z0, x1, z1] in [[-far_x, z, far_x, far_z], [-far_x, -far_z, far_x, -z], [x, -z, far_x, z], [-far_x, -z, -x, z]] {
         flat(&mut field, x0, z0, x1, z1, 6.0);
     }
     let mesh = glb.mesh("grass", &[(&field, grass)]);
-    glb.node(
-        Some(city),
-        "grass".into(),
-        Some(mesh),
-        Place::at(Vec3::ZERO),
-    );
+    glb.node(Some(city), "grass".into(), Some(mesh), Place::at(Vec3::ZERO));
 
     let lane = srgb(228, 224, 210);
     for k in 0..=BLOCKS {
@@ -204,68 +141,30 @@ fn ground(
         let (across_z, across_x) = (at(PITCH_Z_M), at(PITCH_X_M));
         let half_street = STREET_M / 2.0;
         let mut avenue = Geometry::default();
-        flat(
-            &mut avenue,
-            -half.x,
-            across_z - half_street,
-            half.x,
-            across_z + half_street,
-            8.0,
-        );
+        flat(&mut avenue, -half.x, across_z - half_street, half.x, across_z + half_street, 8.0);
         let mut marks = Geometry::default();
-        dashes(
-            &mut marks,
-            half.x,
-            |from, to| [from, across_z - 0.08, to, across_z + 0.08],
-            lane,
-        );
+        dashes(&mut marks, half.x, |from, to| [from, across_z - 0.08, to, across_z + 0.08], lane);
         let mesh = glb.mesh("avenue", &[(&avenue, asphalt), (&marks, paint)]);
-        glb.node(
-            Some(city),
-            format!("avenue {}", k + 1),
-            Some(mesh),
-            Place::at(Vec3::ZERO),
-        );
+        glb.node(Some(city), format!("avenue {}", k + 1), Some(mesh), Place::at(Vec3::ZERO));
 
         let mut road = Geometry::default();
         let mut marks = Geometry::default();
         for row in 0..BLOCKS {
             let z = (row as f32 - (BLOCKS - 1) as f32 / 2.0) * PITCH_Z_M;
             let (z0, z1) = (z - BLOCK_Z_M / 2.0, z + BLOCK_Z_M / 2.0);
-            flat(
-                &mut road,
-                across_x - half_street,
-                z0,
-                across_x + half_street,
-                z1,
-                8.0,
-            );
+            flat(&mut road, across_x - half_street, z0, across_x + half_street, z1, 8.0);
             for end in [z0 + 0.8, z1 - 2.8] {
                 zebra(&mut marks, across_x, end, lane);
             }
         }
         let mesh = glb.mesh("street", &[(&road, asphalt), (&marks, paint)]);
-        glb.node(
-            Some(city),
-            format!("street {}", k + 1),
-            Some(mesh),
-            Place::at(Vec3::ZERO),
-        );
+        glb.node(Some(city), format!("street {}", k + 1), Some(mesh), Place::at(Vec3::ZERO));
     }
 }
 
 fn flat(g: &mut Geometry, x0: f32, z0: f32, x1: f32, z1: f32, repeat_m: f32) {
-    let corners = [
-        vec3(x0, 0.0, z1),
-        vec3(x1, 0.0, z1),
-        vec3(x1, 0.0, z0),
-        vec3(x0, 0.0, z0),
-    ];
-    g.textured(
-        corners,
-        Vec2::new(x0, z1) / repeat_m,
-        Vec2::new(x1, z0) / repeat_m,
-    );
+    let corners = [vec3(x0, 0.0, z1), vec3(x1, 0.0, z1), vec3(x1, 0.0, z0), vec3(x0, 0.0, z0)];
+    g.textured(corners, Vec2::new(x0, z1) / repeat_m, Vec2::new(x1, z0) / repeat_m);
 }
 
 /// Height of road markings above the road.
@@ -273,15 +172,7 @@ const MARK_M: f32 = 0.02;
 
 fn mark(g: &mut Geometry, [x0, z0, x1, z1]: [f32; 4], color: Color) {
     let y = MARK_M;
-    g.polygon(
-        &[
-            vec3(x0, y, z1),
-            vec3(x1, y, z1),
-            vec3(x1, y, z0),
-            vec3(x0, y, z0),
-        ],
-        color,
-    );
+    g.polygon(&[vec3(x0, y, z1), vec3(x1, y, z1), vec3(x1, y, z0), vec3(x0, y, z0)], color);
 }
 
 fn dashes(g: &mut Geometry, half: f32, rectangle: impl Fn(f32, f32) -> [f32; 4], color: Color) {
@@ -307,64 +198,27 @@ fn sidewalk(glb: &mut GlbWriter, pavement: MaterialId) -> super::glb_writer::Mes
 }
 
 /// Trees, lamp posts and parked cars along the four edges of a block.
-fn line_streets(
-    glb: &mut GlbWriter,
-    block: NodeId,
-    street: &street::Furniture,
-    random: &mut Random,
-) {
-    let parent = glb.node(
-        Some(block),
-        "street furniture".into(),
-        None,
-        Place::at(Vec3::ZERO),
-    );
+fn line_streets(glb: &mut GlbWriter, block: NodeId, street: &street::Furniture, random: &mut Random) {
+    let parent = glb.node(Some(block), "street furniture".into(), None, Place::at(Vec3::ZERO));
     // Outwards from each edge: +Z, +X, -Z, -X, as quarter turns about Y.
     for side in 0..4 {
-        let (length, out) = if side % 2 == 0 {
-            (BLOCK_X_M, BLOCK_Z_M / 2.0)
-        } else {
-            (BLOCK_Z_M, BLOCK_X_M / 2.0)
-        };
-        let edge = glb.node(
-            Some(parent),
-            format!("edge {}", side + 1),
-            None,
-            Place::turned(Vec3::ZERO, side),
-        );
+        let (length, out) = if side % 2 == 0 { (BLOCK_X_M, BLOCK_Z_M / 2.0) } else { (BLOCK_Z_M, BLOCK_X_M / 2.0) };
+        let edge = glb.node(Some(parent), format!("edge {}", side + 1), None, Place::turned(Vec3::ZERO, side));
         let stops = (length / 9.0) as usize;
         for k in 0..stops {
             let x = (k as f32 + 0.5 - stops as f32 / 2.0) * 9.0;
             let verge = vec3(x, CURB_M, out - 1.0);
             if k % 3 == 1 {
                 let place = Place::turned(verge, 3);
-                glb.node(
-                    Some(edge),
-                    "lamp post".into(),
-                    Some(street.lamp_post),
-                    place,
-                );
+                glb.node(Some(edge), "lamp post".into(), Some(street.lamp_post), place);
             } else if random.chance(0.85) {
                 let scale = random.range(0.85, 1.2);
-                let place = Place {
-                    scale: Vec3::splat(scale),
-                    ..Place::turned(verge, random.below(4))
-                };
-                glb.node(
-                    Some(edge),
-                    "tree".into(),
-                    Some(*random.pick(&street.trees)),
-                    place,
-                );
+                let place = Place { scale: Vec3::splat(scale), ..Place::turned(verge, random.below(4)) };
+                glb.node(Some(edge), "tree".into(), Some(*random.pick(&street.trees)), place);
             }
             if random.chance(0.3) {
                 let place = Place::turned(vec3(x + 4.5, 0.0, out + 1.4), 1 + 2 * random.below(2));
-                glb.node(
-                    Some(edge),
-                    "car".into(),
-                    Some(*random.pick(&street.cars)),
-                    place,
-                );
+                glb.node(Some(edge), "car".into(), Some(*random.pick(&street.cars)), place);
             }
         }
     }

@@ -48,21 +48,14 @@ pub struct Place {
 
 impl Place {
     pub fn at(translation: Vec3) -> Place {
-        Place {
-            translation,
-            rotation: Quat::IDENTITY,
-            scale: Vec3::ONE,
-        }
+        Place { translation, rotation: Quat::IDENTITY, scale: Vec3::ONE }
     }
 
     /// Turned about Y by `quarters` times 90 degrees.
     pub fn turned(translation: Vec3, quarters: usize) -> Place {
         let s = 0.5f32.sqrt();
         let (y, w) = [(0.0, 1.0), (s, s), (1.0, 0.0), (-s, s)][quarters % 4];
-        Place {
-            rotation: Quat::from_xyzw(0.0, y, 0.0, w),
-            ..Place::at(translation)
-        }
+        Place { rotation: Quat::from_xyzw(0.0, y, 0.0, w), ..Place::at(translation) }
     }
 }
 
@@ -107,8 +100,7 @@ pub struct GlbWriter {
 impl GlbWriter {
     /// A texture that repeats, from PNG bytes.
     pub fn texture(&mut self, png: Vec<u8>) -> TextureId {
-        self.textures
-            .push(json!({ "source": self.images.len(), "sampler": 0 }));
+        self.textures.push(json!({ "source": self.images.len(), "sampler": 0 }));
         self.images.push(png);
         TextureId(self.textures.len() as u32 - 1)
     }
@@ -122,8 +114,7 @@ impl GlbWriter {
         alpha: Alpha,
         sides: Sides,
     ) -> MaterialId {
-        let mut pbr =
-            json!({ "baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": 0.9 });
+        let mut pbr = json!({ "baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": 0.9 });
         if let Some(TextureId(texture)) = texture {
             pbr["baseColorTexture"] = json!({ "index": texture });
         }
@@ -144,19 +135,12 @@ impl GlbWriter {
     pub fn mesh(&mut self, name: &str, parts: &[(&Geometry, MaterialId)]) -> MeshId {
         let mut primitives = Vec::new();
         let mut triangles = 0;
-        for (geometry, MaterialId(material)) in parts
-            .iter()
-            .filter(|(geometry, _)| geometry.triangles() > 0)
-        {
+        for (geometry, MaterialId(material)) in parts.iter().filter(|(geometry, _)| geometry.triangles() > 0) {
             triangles += geometry.triangles() as u64;
             primitives.push(self.primitive(geometry, *material));
         }
-        assert!(
-            !primitives.is_empty(),
-            "mesh {name} has no triangles: glTF allows no such mesh"
-        );
-        self.meshes
-            .push(json!({ "name": name, "primitives": primitives }));
+        assert!(!primitives.is_empty(), "mesh {name} has no triangles: glTF allows no such mesh");
+        self.meshes.push(json!({ "name": name, "primitives": primitives }));
         self.mesh_triangles.push(triangles);
         MeshId(self.meshes.len() as u32 - 1)
     }
@@ -165,13 +149,7 @@ impl GlbWriter {
         self.mesh_triangles[mesh.0 as usize] as usize
     }
 
-    pub fn node(
-        &mut self,
-        parent: Option<NodeId>,
-        name: String,
-        mesh: Option<MeshId>,
-        place: Place,
-    ) -> NodeId {
+    pub fn node(&mut self, parent: Option<NodeId>, name: String, mesh: Option<MeshId>, place: Place) -> NodeId {
         let id = self.nodes.len() as u32;
         self.triangles += mesh.map_or(0, |mesh| self.mesh_triangles[mesh.0 as usize]);
         let unless = |default: bool| !default;
@@ -179,8 +157,7 @@ impl GlbWriter {
             name,
             mesh: mesh.map(|mesh| mesh.0),
             children: Vec::new(),
-            translation: unless(place.translation == Vec3::ZERO)
-                .then_some(place.translation.to_array()),
+            translation: unless(place.translation == Vec3::ZERO).then_some(place.translation.to_array()),
             rotation: unless(place.rotation == Quat::IDENTITY).then_some(place.rotation.to_array()),
             scale: unless(place.scale == Vec3::ONE).then_some(place.scale.to_array()),
         });
@@ -193,91 +170,35 @@ impl GlbWriter {
 
     fn primitive(&mut self, geometry: &Geometry, material: u32) -> Value {
         let vertices = geometry.positions.len();
-        let low = geometry
-            .positions
-            .iter()
-            .copied()
-            .fold(Vec3::INFINITY, Vec3::min);
-        let high = geometry
-            .positions
-            .iter()
-            .copied()
-            .fold(Vec3::NEG_INFINITY, Vec3::max);
+        let low = geometry.positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
+        let high = geometry.positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
         let bounds = json!({ "min": low.to_array(), "max": high.to_array() });
-        let position = self.accessor(
-            POSITIONS,
-            cast_slice(&geometry.positions),
-            vertices,
-            5126,
-            "VEC3",
-            bounds,
-        );
+        let position = self.accessor(POSITIONS, cast_slice(&geometry.positions), vertices, 5126, "VEC3", bounds);
         let mut attributes = json!({ "POSITION": position });
         if geometry.normals.len() == vertices {
-            attributes["NORMAL"] = json!(self.accessor(
-                NORMALS,
-                cast_slice(&geometry.normals),
-                vertices,
-                5126,
-                "VEC3",
-                json!({})
-            ));
+            attributes["NORMAL"] =
+                json!(self.accessor(NORMALS, cast_slice(&geometry.normals), vertices, 5126, "VEC3", json!({})));
         }
         if geometry.uvs.len() == vertices {
-            attributes["TEXCOORD_0"] = json!(self.accessor(
-                UVS,
-                cast_slice(&geometry.uvs),
-                vertices,
-                5126,
-                "VEC2",
-                json!({})
-            ));
+            attributes["TEXCOORD_0"] = json!(self.accessor(UVS, cast_slice(&geometry.uvs), vertices, 5126, "VEC2", json!({})));
         }
         if geometry.colors.len() == vertices {
             let normalized = json!({ "normalized": true });
-            attributes["COLOR_0"] = json!(self.accessor(
-                COLORS,
-                cast_slice(&geometry.colors),
-                vertices,
-                5121,
-                "VEC4",
-                normalized
-            ));
+            attributes["COLOR_0"] =
+                json!(self.accessor(COLORS, cast_slice(&geometry.colors), vertices, 5121, "VEC4", normalized));
         }
         let corners = geometry.indices.len();
         // 65535 is the restart value of 16 bit indices.
         let indices = if vertices < 65535 {
             let narrow: Vec<u16> = geometry.indices.iter().map(|k| *k as u16).collect();
-            self.accessor(
-                INDICES_U16,
-                cast_slice(&narrow),
-                corners,
-                5123,
-                "SCALAR",
-                json!({}),
-            )
+            self.accessor(INDICES_U16, cast_slice(&narrow), corners, 5123, "SCALAR", json!({}))
         } else {
-            self.accessor(
-                INDICES_U32,
-                cast_slice(&geometry.indices),
-                corners,
-                5125,
-                "SCALAR",
-                json!({}),
-            )
+            self.accessor(INDICES_U32, cast_slice(&geometry.indices), corners, 5125, "SCALAR", json!({}))
         };
         json!({ "attributes": attributes, "indices": indices, "material": material })
     }
 
-    fn accessor(
-        &mut self,
-        view: usize,
-        bytes: &[u8],
-        count: usize,
-        component: u32,
-        shape: &str,
-        mut accessor: Value,
-    ) -> usize {
+    fn accessor(&mut self, view: usize, bytes: &[u8], count: usize, component: u32, shape: &str, mut accessor: Value) -> usize {
         accessor["bufferView"] = json!(view);
         accessor["byteOffset"] = json!(self.data[view].len());
         accessor["componentType"] = json!(component);
@@ -294,15 +215,9 @@ impl GlbWriter {
         let mut views = Vec::new();
         let mut view_numbers = [0; IMAGES];
         const STRIDES: [Option<u32>; IMAGES] = [Some(12), Some(12), Some(8), Some(4), None, None];
-        for (kind, data) in self
-            .data
-            .iter()
-            .enumerate()
-            .filter(|(_, data)| !data.is_empty())
-        {
+        for (kind, data) in self.data.iter().enumerate().filter(|(_, data)| !data.is_empty()) {
             view_numbers[kind] = views.len();
-            let mut view =
-                json!({ "buffer": 0, "byteOffset": bin.len(), "byteLength": data.len() });
+            let mut view = json!({ "buffer": 0, "byteOffset": bin.len(), "byteLength": data.len() });
             match STRIDES[kind] {
                 Some(stride) => {
                     view["byteStride"] = json!(stride);
@@ -315,9 +230,7 @@ impl GlbWriter {
             bin.resize(bin.len().next_multiple_of(4), 0);
         }
         for accessor in &mut self.accessors {
-            let kind = accessor["bufferView"]
-                .as_u64()
-                .map_or(0, |kind| kind as usize);
+            let kind = accessor["bufferView"].as_u64().map_or(0, |kind| kind as usize);
             accessor["bufferView"] = json!(view_numbers[kind]);
         }
         let mut images = Vec::new();
@@ -342,15 +255,10 @@ impl GlbWriter {
         if !images.is_empty() {
             root["images"] = json!(images);
             root["textures"] = json!(self.textures);
-            root["samplers"] =
-                json!([{ "magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497 }]);
+            root["samplers"] = json!([{ "magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497 }]);
         }
         let bytes = container(root.to_string().into_bytes(), bin);
-        let report = GenerateReport {
-            triangles: self.triangles,
-            nodes,
-            bytes: bytes.len() as u64,
-        };
+        let report = GenerateReport { triangles: self.triangles, nodes, bytes: bytes.len() as u64 };
         (bytes, report)
     }
 }
@@ -359,8 +267,7 @@ fn container(mut json: Vec<u8>, bin: Vec<u8>) -> Vec<u8> {
     json.resize(json.len().next_multiple_of(4), b' ');
     let total = 12 + 8 + json.len() + 8 + bin.len();
     let mut out = Vec::with_capacity(total);
-    let word =
-        |out: &mut Vec<u8>, value: usize| out.extend_from_slice(&(value as u32).to_le_bytes());
+    let word = |out: &mut Vec<u8>, value: usize| out.extend_from_slice(&(value as u32).to_le_bytes());
     out.extend_from_slice(b"glTF");
     word(&mut out, 2);
     word(&mut out, total);

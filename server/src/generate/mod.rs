@@ -49,9 +49,7 @@ impl FromStr for GeneratedScene {
 
     fn from_str(name: &str) -> Result<Self, GenerateError> {
         let scene = Self::ALL.iter().copied().find(|scene| scene.name() == name);
-        scene.ok_or_else(|| GenerateError::Unknown {
-            name: name.chars().take(80).collect(),
-        })
+        scene.ok_or_else(|| GenerateError::Unknown { name: name.chars().take(80).collect() })
     }
 }
 
@@ -85,15 +83,8 @@ pub fn glb(scene: GeneratedScene, seed: u64) -> (Vec<u8>, GenerateReport) {
 ///
 /// # Errors
 /// If `out` cannot be written.
-pub fn write_glb(
-    scene: GeneratedScene,
-    seed: u64,
-    out: &Path,
-) -> Result<GenerateReport, GenerateError> {
+pub fn write_glb(scene: GeneratedScene, seed: u64, out: &Path) -> Result<GenerateReport, GenerateError> {
     let (bytes, report) = glb(scene, seed);
-    std::fs::write(out, bytes).map_err(|source| GenerateError::Write {
-        path: out.to_path_buf(),
-        source,
-    })?;
+    std::fs::write(out, bytes).map_err(|source| GenerateError::Write { path: out.to_path_buf(), source })?;
     Ok(report)
 }

@@ -44,12 +44,7 @@ impl Geometry {
     /// A quad with texture coordinates from `low` (first corner) to `high` (third corner).
     pub fn textured(&mut self, corners: [Vec3; 4], low: Vec2, high: Vec2) {
         self.fan(&corners);
-        self.uvs.extend([
-            low,
-            Vec2::new(high.x, low.y),
-            high,
-            Vec2::new(low.x, high.y),
-        ]);
+        self.uvs.extend([low, Vec2::new(high.x, low.y), high, Vec2::new(low.x, high.y)]);
     }
 
     /// A box from `low` to `high`: 12 triangles.
@@ -67,11 +62,7 @@ impl Geometry {
 
     /// A box without its bottom, textured on top with `repeat_m` metres to a repeat: 10 triangles.
     pub fn paving(&mut self, low: Vec3, high: Vec3, repeat_m: f32) {
-        for (k, corners) in faces(low, high)
-            .into_iter()
-            .enumerate()
-            .filter(|(k, _)| *k != BOTTOM)
-        {
+        for (k, corners) in faces(low, high).into_iter().enumerate().filter(|(k, _)| *k != BOTTOM) {
             let size = if k == TOP {
                 Vec2::new(high.x - low.x, high.z - low.z)
             } else {
@@ -82,33 +73,15 @@ impl Geometry {
     }
 
     /// A prism or, where `top_radius` is 0, a pyramid on `sides` (6, 8 or 12) around the vertical through `base`.
-    pub fn prism(
-        &mut self,
-        base: Vec3,
-        radius: f32,
-        top_radius: f32,
-        height: f32,
-        sides: usize,
-        color: Color,
-    ) {
+    pub fn prism(&mut self, base: Vec3, radius: f32, top_radius: f32, height: f32, sides: usize, color: Color) {
         let ring = ring(sides);
-        let at = |k: usize, radius: f32, y: f32| {
-            base + vec3(ring[k % sides].x * radius, y, -ring[k % sides].y * radius)
-        };
+        let at = |k: usize, radius: f32, y: f32| base + vec3(ring[k % sides].x * radius, y, -ring[k % sides].y * radius);
         for k in 0..sides {
             let (a, b) = (at(k, radius, 0.0), at(k + 1, radius, 0.0));
             if top_radius == 0.0 {
                 self.polygon(&[a, b, base + vec3(0.0, height, 0.0)], color);
             } else {
-                self.polygon(
-                    &[
-                        a,
-                        b,
-                        at(k + 1, top_radius, height),
-                        at(k, top_radius, height),
-                    ],
-                    color,
-                );
+                self.polygon(&[a, b, at(k + 1, top_radius, height), at(k, top_radius, height)], color);
             }
         }
         let floor: Vec<_> = (0..sides).rev().map(|k| at(k, radius, 0.0)).collect();
@@ -122,15 +95,10 @@ impl Geometry {
     /// A ball of 80 triangles (an icosahedron divided once) with smooth normals.
     pub fn ball(&mut self, center: Vec3, radius: Vec3, color: Color) {
         for [a, b, c] in icosahedron() {
-            let (ab, bc, ca) = (
-                (a + b).normalize(),
-                (b + c).normalize(),
-                (c + a).normalize(),
-            );
+            let (ab, bc, ca) = ((a + b).normalize(), (b + c).normalize(), (c + a).normalize());
             for corners in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
                 self.polygon(&corners.map(|corner| center + corner * radius), color);
-                self.normals
-                    .extend(corners.map(|corner| (corner / radius).normalize()));
+                self.normals.extend(corners.map(|corner| (corner / radius).normalize()));
             }
         }
     }
@@ -142,42 +110,12 @@ const BOTTOM: usize = 5;
 fn faces(l: Vec3, h: Vec3) -> [[Vec3; 4]; 6] {
     let (x0, y0, z0, x1, y1, z1) = (l.x, l.y, l.z, h.x, h.y, h.z);
     [
-        [
-            vec3(x1, y0, z1),
-            vec3(x1, y0, z0),
-            vec3(x1, y1, z0),
-            vec3(x1, y1, z1),
-        ],
-        [
-            vec3(x0, y0, z0),
-            vec3(x0, y0, z1),
-            vec3(x0, y1, z1),
-            vec3(x0, y1, z0),
-        ],
-        [
-            vec3(x0, y0, z1),
-            vec3(x1, y0, z1),
-            vec3(x1, y1, z1),
-            vec3(x0, y1, z1),
-        ],
-        [
-            vec3(x1, y0, z0),
-            vec3(x0, y0, z0),
-            vec3(x0, y1, z0),
-            vec3(x1, y1, z0),
-        ],
-        [
-            vec3(x0, y1, z1),
-            vec3(x1, y1, z1),
-            vec3(x1, y1, z0),
-            vec3(x0, y1, z0),
-        ],
-        [
-            vec3(x0, y0, z0),
-            vec3(x1, y0, z0),
-            vec3(x1, y0, z1),
-            vec3(x0, y0, z1),
-        ],
+        [vec3(x1, y0, z1), vec3(x1, y0, z0), vec3(x1, y1, z0), vec3(x1, y1, z1)],
+        [vec3(x0, y0, z0), vec3(x0, y0, z1), vec3(x0, y1, z1), vec3(x0, y1, z0)],
+        [vec3(x0, y0, z1), vec3(x1, y0, z1), vec3(x1, y1, z1), vec3(x0, y1, z1)],
+        [vec3(x1, y0, z0), vec3(x0, y0, z0), vec3(x0, y1, z0), vec3(x1, y1, z0)],
+        [vec3(x0, y1, z1), vec3(x1, y1, z1), vec3(x1, y1, z0), vec3(x0, y1, z0)],
+        [vec3(x0, y0, z0), vec3(x1, y0, z0), vec3(x1, y0, z1), vec3(x0, y0, z1)],
     ]
 }
 
@@ -195,15 +133,9 @@ fn ring(sides: usize) -> Vec<Vec2> {
         // 6 takes every second corner of 12.
         _ => &[(1.0, 0.0), (s3, half), (half, s3)],
     };
-    let turns: [fn(f32, f32) -> Vec2; 4] = [
-        |x, y| Vec2::new(x, y),
-        |x, y| Vec2::new(-y, x),
-        |x, y| Vec2::new(-x, -y),
-        |x, y| Vec2::new(y, -x),
-    ];
-    let all = turns
-        .iter()
-        .flat_map(|turn| quarter.iter().map(|(x, y)| turn(*x, *y)));
+    let turns: [fn(f32, f32) -> Vec2; 4] =
+        [|x, y| Vec2::new(x, y), |x, y| Vec2::new(-y, x), |x, y| Vec2::new(-x, -y), |x, y| Vec2::new(y, -x)];
+    let all = turns.iter().flat_map(|turn| quarter.iter().map(|(x, y)| turn(*x, *y)));
     all.step_by(if sides == 6 { 2 } else { 1 }).collect()
 }
 
@@ -245,10 +177,7 @@ fn icosahedron() -> Vec<[Vec3; 3]> {
         [8, 6, 7],
         [9, 8, 1],
     ];
-    FACES
-        .iter()
-        .map(|face| face.map(|k| corner[k].normalize()))
-        .collect()
+    FACES.iter().map(|face| face.map(|k| corner[k].normalize())).collect()
 }
 
 #[cfg(test)]
@@ -258,11 +187,7 @@ mod tests {
     /// The signed volume of a closed surface is positive where its triangles face outwards.
     fn volume(geometry: &Geometry) -> f32 {
         let p = |k: u32| geometry.positions[k as usize];
-        geometry
-            .indices
-            .chunks_exact(3)
-            .map(|t| p(t[0]).dot(p(t[1]).cross(p(t[2]))) / 6.0)
-            .sum()
+        geometry.indices.chunks_exact(3).map(|t| p(t[0]).dot(p(t[1]).cross(p(t[2]))) / 6.0).sum()
     }
 
     #[test]

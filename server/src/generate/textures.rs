@@ -29,13 +29,7 @@ pub fn facade(kind: Facade, random: &mut Random) -> Vec<u8> {
         grey(base + random.range(-9.0, 9.0))
     });
     for bay in 0..bays * bays {
-        window(
-            &mut picture,
-            kind,
-            (bay % bays) * BAY_PX,
-            (bay / bays) * BAY_PX,
-            random,
-        );
+        window(&mut picture, kind, (bay % bays) * BAY_PX, (bay / bays) * BAY_PX, random);
     }
     png(&picture)
 }
@@ -47,19 +41,11 @@ fn window(picture: &mut RgbaImage, kind: Facade, x0: u32, y0: u32, random: &mut 
         Facade::Plaster => (15, 49, 12, 50),
     };
     let lit = random.chance(0.16);
-    let curtain = if random.chance(0.4) {
-        random.below(14) as u32 + 4
-    } else {
-        0
-    };
+    let curtain = if random.chance(0.4) { random.below(14) as u32 + 4 } else { 0 };
     let shade = random.range(0.75, 1.25);
     for y in top..bottom {
         for x in left..right {
-            let frame = x < left + 3
-                || x >= right - 3
-                || y < top + 3
-                || y >= bottom - 3
-                || x.abs_diff(32) < 1;
+            let frame = x < left + 3 || x >= right - 3 || y < top + 3 || y >= bottom - 3 || x.abs_diff(32) < 1;
             let depth = (y - top) as f32 / (bottom - top) as f32;
             let color = if frame {
                 Rgba([244, 240, 230, 255])
@@ -69,11 +55,7 @@ fn window(picture: &mut RgbaImage, kind: Facade, x0: u32, y0: u32, random: &mut 
                 Rgba([250, (205.0 + 20.0 * depth) as u8, 130, 255])
             } else {
                 // Sky above, street below, as glass reflects them.
-                rgb(
-                    shade * (92.0 - 44.0 * depth),
-                    shade * (122.0 - 52.0 * depth),
-                    shade * (150.0 - 58.0 * depth),
-                )
+                rgb(shade * (92.0 - 44.0 * depth), shade * (122.0 - 52.0 * depth), shade * (150.0 - 58.0 * depth))
             };
             picture.put_pixel(x0 + x, y0 + y, color);
         }
@@ -98,11 +80,7 @@ pub fn paving(random: &mut Random) -> Vec<u8> {
     let tints: Vec<f32> = (0..16).map(|_| random.range(-14.0, 14.0)).collect();
     png(&RgbaImage::from_fn(128, 128, |x, y| {
         let joint = x % 32 < 2 || y % 32 < 2;
-        let base = if joint {
-            138.0
-        } else {
-            182.0 + tints[(y / 32 * 4 + x / 32) as usize]
-        };
+        let base = if joint { 138.0 } else { 182.0 + tints[(y / 32 * 4 + x / 32) as usize] };
         let value = base + random.range(-6.0, 6.0);
         rgb(value, value * 0.975, value * 0.93)
     }))
@@ -120,10 +98,7 @@ pub fn leaves(random: &mut Random) -> Vec<u8> {
     const SIDE: i32 = 128;
     let mut picture = RgbaImage::from_pixel(SIDE as u32, SIDE as u32, Rgba([70, 105, 48, 0]));
     for _ in 0..230 {
-        let (cx, cy) = (
-            random.below(SIDE as usize) as i32,
-            random.below(SIDE as usize) as i32,
-        );
+        let (cx, cy) = (random.below(SIDE as usize) as i32, random.below(SIDE as usize) as i32);
         // Fewer towards the corners, so that a card does not look like a card.
         let (dx, dy) = (cx - SIDE / 2, cy - SIDE / 2);
         if dx * dx + dy * dy > 56 * 56 {
@@ -158,12 +133,7 @@ fn png(picture: &RgbaImage) -> Vec<u8> {
     let encoder = image::codecs::png::PngEncoder::new(&mut bytes);
     let (width, height) = picture.dimensions();
     encoder
-        .write_image(
-            picture.as_raw(),
-            width,
-            height,
-            image::ExtendedColorType::Rgba8,
-        )
+        .write_image(picture.as_raw(), width, height, image::ExtendedColorType::Rgba8)
         // Writing to a vector cannot fail, and the buffer has the size of the picture.
         .expect("a small picture encodes into memory");
     bytes

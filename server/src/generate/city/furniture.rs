@@ -32,11 +32,7 @@ impl Stock {
         let mut add = |name: &'static str, build: &dyn Fn(&mut Geometry)| {
             let mut geometry = Geometry::default();
             build(&mut geometry);
-            Piece {
-                name,
-                mesh: glb.mesh(name, &[(&geometry, paint)]),
-                triangles: geometry.triangles(),
-            }
+            Piece { name, mesh: glb.mesh(name, &[(&geometry, paint)]), triangles: geometry.triangles() }
         };
         let teal = srgb(52, 116, 120);
         let rust = srgb(178, 84, 52);
@@ -56,47 +52,25 @@ impl Stock {
             add("teal sofa", &|g| sofa(g, teal)),
             add("wardrobe", &wardrobe),
         ];
-        let carton = add("carton", &|g| {
-            g.block(Vec3::ZERO, vec3(0.5, 0.4, 0.4), srgb(190, 152, 104))
-        });
+        let carton = add("carton", &|g| g.block(Vec3::ZERO, vec3(0.5, 0.4, 0.4), srgb(190, 152, 104)));
         let rug = add("rug", &|g| {
             let (x, z, y) = (0.9, 0.6, 0.01);
-            g.polygon(
-                &[
-                    vec3(-x, y, z),
-                    vec3(x, y, z),
-                    vec3(x, y, -z),
-                    vec3(-x, y, -z),
-                ],
-                rust,
-            );
+            g.polygon(&[vec3(-x, y, z), vec3(x, y, z), vec3(x, y, -z), vec3(-x, y, -z)], rust);
         });
-        Stock {
-            pieces,
-            carton,
-            rug,
-        }
+        Stock { pieces, carton, rug }
     }
 }
 
 /// 60 triangles.
 fn table(g: &mut Geometry, base: Vec3, size: Vec3) {
-    g.block(
-        base + vec3(0.0, size.y - 0.05, 0.0),
-        vec3(size.x, 0.05, size.z),
-        OAK,
-    );
+    g.block(base + vec3(0.0, size.y - 0.05, 0.0), vec3(size.x, 0.05, size.z), OAK);
     legs(g, base, vec3(size.x, size.y - 0.05, size.z), 0.06, OAK);
 }
 
 fn legs(g: &mut Geometry, base: Vec3, size: Vec3, thickness: f32, color: Color) {
     let (x, z) = (size.x / 2.0 - thickness, size.z / 2.0 - thickness);
     for (x, z) in [(-x, -z), (x, -z), (x, z), (-x, z)] {
-        g.block(
-            base + vec3(x, 0.0, z),
-            vec3(thickness, size.y, thickness),
-            color,
-        );
+        g.block(base + vec3(x, 0.0, z), vec3(thickness, size.y, thickness), color);
     }
 }
 
@@ -104,11 +78,7 @@ fn legs(g: &mut Geometry, base: Vec3, size: Vec3, thickness: f32, color: Color) 
 fn chair(g: &mut Geometry, base: Vec3, back: f32) {
     g.block(base + vec3(0.0, 0.42, 0.0), vec3(0.42, 0.05, 0.42), WALNUT);
     legs(g, base, vec3(0.42, 0.42, 0.42), 0.04, WALNUT);
-    g.block(
-        base + vec3(0.0, 0.47, back * 0.19),
-        vec3(0.42, 0.45, 0.04),
-        WALNUT,
-    );
+    g.block(base + vec3(0.0, 0.47, back * 0.19), vec3(0.42, 0.45, 0.04), WALNUT);
 }
 
 /// A table with four chairs: 348 triangles.
@@ -134,22 +104,8 @@ fn bed(g: &mut Geometry, blanket: Color) {
 
 fn lamp(g: &mut Geometry, base: Vec3, height: f32) {
     g.prism(base, 0.15, 0.15, 0.03, 8, DARK);
-    g.prism(
-        base + vec3(0.0, 0.03, 0.0),
-        0.015,
-        0.015,
-        height - 0.3,
-        6,
-        STEEL,
-    );
-    g.prism(
-        base + vec3(0.0, height - 0.3, 0.0),
-        0.22,
-        0.14,
-        0.28,
-        12,
-        srgb(250, 226, 170),
-    );
+    g.prism(base + vec3(0.0, 0.03, 0.0), 0.015, 0.015, height - 0.3, 6, STEEL);
+    g.prism(base + vec3(0.0, height - 0.3, 0.0), 0.22, 0.14, 0.28, 12, srgb(250, 226, 170));
 }
 
 fn sofa(g: &mut Geometry, cloth: Color) {
@@ -165,13 +121,7 @@ fn sofa(g: &mut Geometry, cloth: Color) {
 }
 
 fn shelf(g: &mut Geometry) {
-    let books = [
-        srgb(150, 44, 40),
-        srgb(38, 78, 120),
-        srgb(214, 170, 62),
-        srgb(60, 104, 70),
-        srgb(120, 80, 130),
-    ];
+    let books = [srgb(150, 44, 40), srgb(38, 78, 120), srgb(214, 170, 62), srgb(60, 104, 70), srgb(120, 80, 130)];
     for x in [-0.6, 0.6] {
         g.block(vec3(x, 0.0, 0.0), vec3(0.04, 2.0, 0.32), OAK);
     }
@@ -182,11 +132,7 @@ fn shelf(g: &mut Geometry) {
         if level < 4 {
             let x = -0.3 + 0.17 * level as f32;
             g.block(vec3(x, y + 0.03, 0.02), vec3(0.4, 0.28, 0.2), books[level]);
-            g.block(
-                vec3(x + 0.32, y + 0.03, 0.02),
-                vec3(0.22, 0.24, 0.18),
-                books[level + 1],
-            );
+            g.block(vec3(x + 0.32, y + 0.03, 0.02), vec3(0.22, 0.24, 0.18), books[level + 1]);
         }
     }
 }
