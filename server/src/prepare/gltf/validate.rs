@@ -183,16 +183,12 @@ pub(super) fn load_buffers<'a>(
             (None, Some(bin)) if k == 0 => Some(Cow::Borrowed(bin)),
             (None, _) => None,
         };
-        if let Some(bytes) = &bytes {
-            if length > bytes.len() as u64 {
-                return Err(invalid(
-                    place,
-                    format_args!(
-                        "byteLength {length}, but only {} bytes are there",
-                        bytes.len()
-                    ),
-                ));
-            }
+        let held = bytes.as_ref().map_or(u64::MAX, |bytes| bytes.len() as u64);
+        if length > held {
+            return Err(invalid(
+                place,
+                format_args!("byteLength {length}, but only {held} bytes are there"),
+            ));
         }
         buffers.push(bytes);
     }
