@@ -48,7 +48,10 @@ impl Folder {
     }
 
     fn write(&self, name: &str, bytes: &[u8]) {
-        std::fs::write(self.path().join(name), bytes).unwrap();
+        let path = self.path().join(name);
+        // A new file each time: ext4 flushes one that is truncated and rewritten, at a millisecond each.
+        let _ = std::fs::remove_file(&path);
+        std::fs::write(path, bytes).unwrap();
     }
 
     fn load(&self, json: &Value) -> Result<SourceScene, String> {
