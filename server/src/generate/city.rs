@@ -4,6 +4,7 @@
 //! The city's centre is the origin, the street is y = 0, tall buildings stand in the middle.
 mod building;
 mod furniture;
+mod roof;
 mod street;
 
 use super::glb_writer::{Alpha, GenerateReport, GlbWriter, MaterialId, NodeId, Place, Sides, TextureId};

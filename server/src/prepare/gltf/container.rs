@@ -28,7 +28,7 @@ impl Container {
     pub fn read(path: &Path) -> Result<Container, Fault> {
         let file = read_bounded(path, MAX_FILE_BYTES)?;
         if file.is_empty() {
-            return Err(Fault::Container("the file is empty".into()));
+            return Err(Fault::Json("the file is empty".into()));
         }
         if file.starts_with(MAGIC) {
             return split_glb(file);

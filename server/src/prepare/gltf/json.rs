@@ -298,7 +298,7 @@ impl<'de> Deserialize<'de> for Int {
             }
             fn visit_f64<E: de::Error>(self, value: f64) -> Result<Int, E> {
                 const EXACT: f64 = (1u64 << 53) as f64;
-                if value >= 0.0 && value <= EXACT && value.fract() == 0.0 {
+                if (0.0..=EXACT).contains(&value) && value.fract() == 0.0 {
                     Ok(Int(value as u64))
                 } else {
                     Err(E::invalid_value(de::Unexpected::Float(value), &self))

@@ -38,6 +38,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Most triangles of a scene, every instance counted: triangle and leaf numbers are 32 bits.
 pub const MAX_INSTANCED_TRIANGLES: u64 = u32::MAX as u64;
+/// Largest coordinate of a vertex, in its mesh and in the world: products and squares of it stay within `f32`.
+pub const MAX_COORDINATE: f64 = 1e12;
 /// Most warnings kept; the rest are counted in a last one.
 pub const MAX_WARNINGS: usize = 100;
 
@@ -246,6 +248,7 @@ fn load_scene(path: &Path, progress: ProgressFn) -> Result<SourceScene, Fault> {
 
     let mut scene = SourceScene { nodes: forest.nodes, roots: forest.roots, meshes, materials, images, warnings };
     check_instanced_triangles(&scene)?;
+    check_extent(&scene, &worlds)?;
     bound_warnings(&mut scene.warnings);
     Ok(scene)
 }
@@ -291,6 +294,47 @@ fn check_instanced_triangles(scene: &SourceScene) -> Result<(), Fault> {
         if total > MAX_INSTANCED_TRIANGLES {
             let reason = "the triangles of all instances are too many";
             return Err(over_cap(format_args!("node {k}"), reason, "MAX_INSTANCED_TRIANGLES", MAX_INSTANCED_TRIANGLES));
+        }
+    }
+    Ok(())
+}
+
+/// Finite is not enough: a scale of 1e308 would overflow in whatever multiplies it next.
+fn check_extent(scene: &SourceScene, worlds: &[DAffine3]) -> Result<(), Fault> {
+    let cap = |place: String, extent: f64| {
+        let reason = format!("has vertices {extent:e} from the origin");
+        over_cap(place, reason, "MAX_COORDINATE", MAX_COORDINATE as u64)
+    };
+    let mut reaches = Vec::with_capacity(scene.meshes.len());
+    for mesh in &scene.meshes {
+        let positions = mesh
+            .primitives
+            .iter()
+            .flat_map(|primitive| &primitive.positions);
+        let reach = positions
+            .fold(Vec3::ZERO, |most, position| most.max(position.abs()))
+            .as_dvec3();
+        if reach.max_element() > MAX_COORDINATE {
+            return Err(cap(format!("mesh {}", mesh.gltf_mesh), reach.max_element()));
+        }
+        reaches.push(reach);
+    }
+    for (k, (node, world)) in scene.nodes.iter().zip(worlds).enumerate() {
+        let Some(mesh) = node.mesh else { continue };
+        let once = [DAffine3::IDENTITY];
+        let instances = if node.instances.is_empty() {
+            &once[..]
+        } else {
+            &node.instances
+        };
+        for instance in instances {
+            let world = *world * *instance;
+            let extent = world.matrix3.abs() * reaches[mesh as usize] + world.translation.abs();
+            // Written so that NaN fails.
+            let inside = extent.max_element() <= MAX_COORDINATE && extent.is_finite();
+            if !inside {
+                return Err(cap(format!("node {k}"), extent.max_element()));
+            }
         }
     }
     Ok(())

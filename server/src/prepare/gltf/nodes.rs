@@ -13,7 +13,7 @@ const AFFINE_TOLERANCE: f64 = 1e-6;
 /// How far a quaternion's length may stray from 1 before a warning; it is normalised either way.
 const UNIT_TOLERANCE: f64 = 1e-3;
 
-/// The nodes in glTF order, with parents before the walk order that comes with them.
+/// The nodes in glTF order, and an order to walk them in.
 pub(super) struct Forest {
     pub nodes: Vec<SourceNode>,
     /// Every node once, parents before their children.
