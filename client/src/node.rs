@@ -1,1 +1,514 @@
-//! node
+//! The shell around a [`TileSession`]: sockets on a thread of their own, the painter on the caller's.
+
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+use std::{io, thread};
+
+use futures_util::StreamExt;
+use mullion_common::scene::{ChunkHash, ChunkId, SceneManifest};
+use mullion_common::wire::{
+    ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, LENGTH_BYTES, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved,
+    OPENING_LIMIT, Opening, SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want, WireError,
+};
+use thiserror::Error;
+use tokio::io::{AsyncRead, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio::time::timeout;
+use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
+
+use crate::tile_session::{Action, Assembly, DrawStats, EndedBy, FrameToDraw, PieceError, TileSession};
+
+/// Messages and blobs that may wait for the painter. Blobs are bounded by what the session asks for at once.
+const MAX_EVENTS: usize = 64;
+/// Messages that may wait to be written.
+const MAX_UNSENT: usize = 64;
+/// A connection that lasted so long was a good one: the next attempt comes soon.
+const GOOD_CONNECTION: Duration = Duration::from_secs(5);
+
+/// What draws: a GPU, or a recorder in tests. Called from the thread that called [`run`].
+pub trait Painter {
+    /// A new scene or new views: forget all chunks. The picture that is shown stays.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn open_scene(&mut self, manifest: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError>;
+    /// Take a chunk's bytes, which bear the chunk's hash.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<(), PaintError>;
+    /// An object has another place from the next frame on.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn set_transform(&mut self, moved: &Moved) -> Result<(), PaintError>;
+    /// Draw and keep the picture back. All its chunks have been uploaded.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError>;
+    /// Show the picture drawn last.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn show(&mut self, frame: u64) -> Result<(), PaintError>;
+}
+
+/// Why a painter goes no further.
+#[derive(Debug, Error)]
+pub enum PaintError {
+    /// The user closed it: no error.
+    #[error("closed")]
+    Closed,
+    /// It cannot go on.
+    #[error("{0}")]
+    Failed(String),
+}
+
+/// When to try again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reconnect {
+    /// First pause; every further one is twice as long.
+    pub first: Duration,
+    /// Longest pause.
+    pub longest: Duration,
+    /// How long to go on without a connection; `None`: for ever.
+    pub give_up_after: Option<Duration>,
+}
+
+impl Default for Reconnect {
+    /// 100 ms, 3 s, for ever.
+    fn default() -> Self {
+        Self { first: Duration::from_millis(100), longest: Duration::from_secs(3), give_up_after: None }
+    }
+}
+
+/// Which node to be, and of which master.
+#[derive(Clone, Debug)]
+pub struct NodeOptions {
+    /// Host and port.
+    pub master: String,
+    /// Its name in the wall.
+    pub node: String,
+    /// What proves it.
+    pub credentials: Option<Vec<u8>>,
+    /// When to try again.
+    pub reconnect: Reconnect,
+    /// Turns true when the node is to stop.
+    pub stop: Option<watch::Receiver<bool>>,
+}
+
+/// What a node did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NodeReport {
+    /// Frames drawn.
+    pub drawn: u64,
+    /// Frames shown.
+    pub shown: u64,
+    /// Connections that were greeted.
+    pub connections: u32,
+    /// Bytes of blobs received.
+    pub blob_bytes: u64,
+}
+
+/// Why a node ended before the show did.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum NodeError {
+    #[error("the master refused: {0}")]
+    Refused(Bye),
+    #[error("no connection to {master} for {seconds} s: {last}")]
+    Unreachable { master: String, seconds: u64, last: String },
+    #[error("cannot draw: {0}")]
+    Paint(String),
+    #[error("cannot start the network: {0}")]
+    Start(#[from] io::Error),
+}
+
+/// From the network to the painter's thread.
+enum Event {
+    Connected { control: mpsc::Sender<ToMaster>, wants: mpsc::Sender<Vec<(ChunkHash, u64)>> },
+    Message(ToTile),
+    Blob(ChunkHash, Vec<u8>),
+    Absent(ChunkHash),
+    Disconnected,
+    Ended(Result<(), NodeError>),
+}
+
+/// Drives a node until the show ends, its `stop` turns true, or it cannot go on. While the master is away, the picture
+/// stays and the node tries again. Blocks; must not be called from within an async runtime.
+///
+/// # Errors
+/// When the master refuses the node for good, stays out of reach, or the painter fails.
+pub fn run(options: NodeOptions, painter: &mut dyn Painter) -> Result<NodeReport, NodeError> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let (events, mut inbox) = mpsc::channel(MAX_EVENTS);
+    let stats = Arc::new(Mutex::new(Stats::default()));
+    let session = TileSession::new(options.node.clone(), options.credentials.clone());
+    let mut easel = Easel { session, painter, report: NodeReport::default(), link: None };
+    let network = Network { hello: Opening::Control(easel.session.hello()), options, events, stats: Arc::clone(&stats) };
+    let thread = thread::Builder::new().name("mullion-network".into()).spawn(move || runtime.block_on(network.run()))?;
+    let result = easel.run(&mut inbox, &stats);
+    // Without an inbox and a link the network thread ends as soon as what is queued is written.
+    drop(inbox);
+    easel.link = None;
+    let report = easel.report;
+    if thread.join().is_err() {
+        return Err(NodeError::Start(io::Error::other("the network thread panicked")));
+    }
+    result.map(|()| report)
+}
+
+/// The painter's side.
+struct Easel<'a> {
+    session: TileSession,
+    painter: &'a mut dyn Painter,
+    report: NodeReport,
+    link: Option<(mpsc::Sender<ToMaster>, mpsc::Sender<Vec<(ChunkHash, u64)>>)>,
+}
+
+impl Easel<'_> {
+    fn run(&mut self, inbox: &mut mpsc::Receiver<Event>, stats: &Mutex<Stats>) -> Result<(), NodeError> {
+        while let Some(event) = inbox.blocking_recv() {
+            let mut next = Some(event);
+            // All that has come in counts before anything is drawn: the newest frame wins.
+            while let Some(event) = next {
+                if let Event::Ended(result) = event {
+                    return result;
+                }
+                self.take(event);
+                next = inbox.try_recv().ok();
+            }
+            match self.act() {
+                Ok(()) => {}
+                Err(PaintError::Closed) => {
+                    self.say_goodbye(Bye::new(ByeCode::Leaving, "closed"));
+                    return Ok(());
+                }
+                Err(PaintError::Failed(reason)) => {
+                    self.say_goodbye(Bye::new(ByeCode::Failed, reason.as_str()));
+                    return Err(NodeError::Paint(reason));
+                }
+            }
+            if let Ok(mut stats) = stats.lock() {
+                *stats = self.session.stats();
+            }
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, event: Event) {
+        match event {
+            Event::Connected { control, wants } => {
+                self.report.connections += 1;
+                self.link = Some((control, wants));
+                self.session.connected();
+            }
+            Event::Message(message) => self.session.handle_message(message),
+            Event::Blob(hash, bytes) => {
+                self.report.blob_bytes += bytes.len() as u64;
+                self.session.handle_blob(hash, bytes);
+            }
+            Event::Absent(hash) => self.session.handle_absent(hash),
+            Event::Disconnected | Event::Ended(_) => {
+                self.link = None;
+                self.session.disconnected();
+            }
+        }
+    }
+
+    fn act(&mut self) -> Result<(), PaintError> {
+        while let Some(action) = self.session.poll_action() {
+            match action {
+                Action::Send(message) => self.say(message),
+                Action::Fetch(blobs) => {
+                    // A full or closed queue means that the connection is ending; the next one asks again.
+                    if let Some((_, wants)) = &self.link
+                        && wants.try_send(blobs).is_err()
+                    {
+                        self.link = None;
+                    }
+                }
+                Action::OpenScene(manifest, views) => self.painter.open_scene(&manifest, &views)?,
+                Action::Upload { chunk, bytes } => self.painter.upload(chunk, &bytes)?,
+                Action::SetTransform(moved) => self.painter.set_transform(&moved)?,
+                Action::Draw(frame) => {
+                    let stats = self.painter.draw(&frame)?;
+                    self.report.drawn += 1;
+                    self.session.drawn(frame.number, stats);
+                }
+                Action::Show { frame } => {
+                    self.painter.show(frame)?;
+                    self.report.shown += 1;
+                }
+                Action::Close { bye, by } => {
+                    if by == EndedBy::Node {
+                        tracing::warn!("leaving the master: {bye}");
+                        self.say_goodbye(bye);
+                    }
+                    self.link = None;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn say(&mut self, message: ToMaster) {
+        if let Some((control, _)) = &self.link
+            && control.try_send(message).is_err()
+        {
+            self.link = None;
+        }
+    }
+
+    fn say_goodbye(&mut self, bye: Bye) {
+        self.say(ToMaster::Bye(bye));
+        self.link = None;
+    }
+}
+
+/// The sockets' side.
+struct Network {
+    hello: Opening,
+    options: NodeOptions,
+    events: mpsc::Sender<Event>,
+    stats: Arc<Mutex<Stats>>,
+}
+
+/// How a connection ended.
+enum End {
+    /// Worth trying again.
+    Lost(String),
+    /// The master said goodbye.
+    Bye(Bye),
+    /// The painter's side is gone.
+    NobodyThere,
+}
+
+impl Network {
+    async fn run(self) {
+        let stop = self.options.stop.clone();
+        let result = tokio::select! {
+            result = self.keep_connected() => result,
+            () = stopped(stop) => Ok(()),
+        };
+        let _ = self.events.send(Event::Ended(result)).await; // nobody there: nobody to tell
+    }
+
+    async fn keep_connected(&self) -> Result<(), NodeError> {
+        let Reconnect { first, longest, give_up_after } = self.options.reconnect;
+        let mut pause = first;
+        let mut without = Instant::now();
+        loop {
+            let started = Instant::now();
+            let end = match connect(&self.options.master).await {
+                Ok(stream) => {
+                    let end = self.converse(stream).await;
+                    without = Instant::now();
+                    if self.events.send(Event::Disconnected).await.is_err() {
+                        return Ok(());
+                    }
+                    end
+                }
+                Err(error) => End::Lost(error.to_string()),
+            };
+            let last = match end {
+                End::NobodyThere => return Ok(()),
+                End::Bye(bye) if bye.code == ByeCode::EndOfShow => return Ok(()),
+                End::Bye(bye) if !bye.code.is_retryable() => return Err(NodeError::Refused(bye)),
+                End::Bye(bye) => bye.to_string(),
+                End::Lost(reason) => reason,
+            };
+            if give_up_after.is_some_and(|limit| without.elapsed() >= limit) {
+                let (master, seconds) = (self.options.master.clone(), without.elapsed().as_secs());
+                return Err(NodeError::Unreachable { master, seconds, last });
+            }
+            if started.elapsed() >= GOOD_CONNECTION {
+                pause = first;
+            }
+            tracing::info!("no connection to {}: {last}; trying again in {} ms", self.options.master, pause.as_millis());
+            tokio::time::sleep(pause).await;
+            pause = (pause * 2).min(longest);
+        }
+    }
+
+    /// One control connection and its chunk connection, until either ends.
+    async fn converse(&self, stream: TcpStream) -> End {
+        let (reader, mut writer) = stream.into_split();
+        let mut buffer = Vec::new();
+        if let Err(error) = write_message(&mut writer, &mut buffer, |out| self.hello.encode(out)).await {
+            return End::Lost(error.to_string());
+        }
+        let (control, unsent) = mpsc::channel(MAX_UNSENT);
+        let (wants, wanted) = mpsc::channel(MAX_WANTED);
+        if self.events.send(Event::Connected { control, wants }).await.is_err() {
+            return End::NobodyThere;
+        }
+        let (welcome, session) = oneshot::channel();
+        tokio::select! {
+            end = self.read_control(reader, welcome) => end,
+            end = after_the_last_word(self.write_control(writer, unsent)) => end,
+            end = after_the_last_word(self.fetch_chunks(session, wanted)) => end,
+        }
+    }
+
+    async fn read_control(&self, reader: OwnedReadHalf, welcome: oneshot::Sender<u64>) -> End {
+        let mut welcome = Some(welcome);
+        let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
+        loop {
+            let body = match timeout(SILENCE_LIMIT, bodies.next()).await {
+                Ok(Some(Ok(body))) => body,
+                Ok(Some(Err(error))) => return End::Lost(error.to_string()),
+                Ok(None) => return End::Lost("the master closed the connection".into()),
+                Err(_) => return End::Lost(format!("the master was silent for {} s", SILENCE_LIMIT.as_secs())),
+            };
+            let message = match ToTile::decode(&body) {
+                Ok(message) => message,
+                Err(error) => return End::Lost(format!("the master sent what is no message: {error}")),
+            };
+            match &message {
+                ToTile::Bye(bye) => return End::Bye(bye.clone()),
+                ToTile::Welcome(w) => {
+                    if let Some(welcome) = welcome.take() {
+                        let _ = welcome.send(w.session); // the other side lives as long as this one
+                    }
+                }
+                _ => {}
+            }
+            if self.events.send(Event::Message(message)).await.is_err() {
+                return End::NobodyThere;
+            }
+        }
+    }
+
+    async fn write_control(&self, mut writer: OwnedWriteHalf, mut unsent: mpsc::Receiver<ToMaster>) -> End {
+        let mut buffer = Vec::new();
+        let mut beat = tokio::time::interval(ALIVE_EVERY);
+        beat.tick().await; // the first is at once
+        loop {
+            let message = tokio::select! {
+                message = unsent.recv() => match message {
+                    Some(message) => message,
+                    None => {
+                        let _ = writer.shutdown().await; // the connection ends either way
+                        return End::Lost("this side ended the connection".into());
+                    }
+                },
+                _ = beat.tick() => ToMaster::Stats(self.stats.lock().map(|s| *s).unwrap_or_default()),
+            };
+            if let Err(error) = write_message(&mut writer, &mut buffer, |out| message.encode(out)).await {
+                return End::Lost(error.to_string());
+            }
+        }
+    }
+
+    async fn fetch_chunks(&self, session: oneshot::Receiver<u64>, wanted: mpsc::Receiver<Vec<(ChunkHash, u64)>>) -> End {
+        let Ok(session) = session.await else { return std::future::pending().await };
+        let (reader, mut writer) = match connect(&self.options.master).await {
+            Ok(stream) => stream.into_split(),
+            Err(error) => return End::Lost(format!("chunk connection: {error}")),
+        };
+        let mut buffer = Vec::new();
+        let hello = Opening::Chunks(ChunkHello { session });
+        if let Err(error) = write_message(&mut writer, &mut buffer, |out| hello.encode(out)).await {
+            return End::Lost(format!("chunk connection: {error}"));
+        }
+        let assembly = Mutex::new(Assembly::default());
+        tokio::select! {
+            end = self.read_chunks(reader, &assembly) => end,
+            end = write_wants(writer, wanted, &assembly) => end,
+        }
+    }
+
+    async fn read_chunks(&self, reader: OwnedReadHalf, assembly: &Mutex<Assembly>) -> End {
+        let mut bodies = framed(reader, MAX_CHUNK_REPLY_BYTES);
+        loop {
+            let body = match bodies.next().await {
+                Some(Ok(body)) => body,
+                Some(Err(error)) => return End::Lost(format!("chunk connection: {error}")),
+                None => return End::Lost("the master closed the chunk connection".into()),
+            };
+            let event = match ChunkReply::decode(&body) {
+                Ok(ChunkReply::Piece(piece)) => {
+                    let taken = locked(assembly, |a| a.take(&piece));
+                    match taken {
+                        Ok(None) => continue,
+                        Ok(Some(bytes)) => Event::Blob(piece.hash, bytes),
+                        Err(error) => return End::Lost(format!("chunk connection: {error}")),
+                    }
+                }
+                Ok(ChunkReply::Absent { hash }) => {
+                    locked(assembly, |a| a.cancel(hash));
+                    Event::Absent(hash)
+                }
+                Ok(ChunkReply::Bye(bye)) => return End::Lost(format!("chunk connection: {bye}")),
+                Err(error) => return End::Lost(format!("chunk connection: {error}")),
+            };
+            if self.events.send(event).await.is_err() {
+                return End::NobodyThere;
+            }
+        }
+    }
+}
+
+/// Where another half of the conversation fails first, the master may still be saying why on the control connection.
+async fn after_the_last_word(half: impl Future<Output = End>) -> End {
+    let end = half.await;
+    if let End::Lost(_) = end {
+        tokio::time::sleep(ALIVE_EVERY).await;
+    }
+    end
+}
+
+async fn write_wants(
+    mut writer: OwnedWriteHalf, mut wanted: mpsc::Receiver<Vec<(ChunkHash, u64)>>, assembly: &Mutex<Assembly>,
+) -> End {
+    let mut buffer = Vec::new();
+    while let Some(blobs) = wanted.recv().await {
+        let expected = locked(assembly, |a| blobs.iter().try_for_each(|(hash, length)| a.expect(*hash, *length)));
+        if let Err(error @ PieceError::TooMany) = expected {
+            return End::Lost(error.to_string());
+        }
+        let want = Want { hashes: blobs.into_iter().map(|(hash, _)| hash).collect() };
+        if let Err(error) = write_message(&mut writer, &mut buffer, |out| want.encode(out)).await {
+            return End::Lost(format!("chunk connection: {error}"));
+        }
+    }
+    std::future::pending().await // the control connection decides how this ends
+}
+
+fn locked<T>(assembly: &Mutex<Assembly>, f: impl FnOnce(&mut Assembly) -> T) -> T {
+    // Both halves run on one thread and hold the lock only here: it is never poisoned while one of them runs.
+    f(&mut assembly.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
+}
+
+async fn stopped(stop: Option<watch::Receiver<bool>>) {
+    if let Some(mut stop) = stop
+        && stop.wait_for(|stop| *stop).await.is_ok()
+    {
+        return;
+    }
+    std::future::pending().await
+}
+
+async fn connect(master: &str) -> io::Result<TcpStream> {
+    let too_slow = || io::Error::new(io::ErrorKind::TimedOut, format!("no answer in {} s", OPENING_LIMIT.as_secs()));
+    let stream = timeout(OPENING_LIMIT, TcpStream::connect(master)).await.map_err(|_| too_slow())??;
+    stream.set_nodelay(true)?;
+    Ok(stream)
+}
+
+fn framed<R: AsyncRead>(reader: R, cap: usize) -> FramedRead<R, LengthDelimitedCodec> {
+    let mut builder = LengthDelimitedCodec::builder();
+    builder.little_endian().length_field_length(LENGTH_BYTES).max_frame_length(cap).new_read(reader)
+}
+
+async fn write_message(
+    writer: &mut OwnedWriteHalf, buffer: &mut Vec<u8>, encode: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>,
+) -> io::Result<()> {
+    encode(buffer).map_err(io::Error::other)?;
+    let too_slow = || io::Error::new(io::ErrorKind::TimedOut, "the master does not read");
+    timeout(SILENCE_LIMIT, writer.write_all(buffer)).await.map_err(|_| too_slow())?
+}

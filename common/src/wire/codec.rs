@@ -26,6 +26,15 @@ pub fn encode<T: Serialize>(value: &T) -> Result<Vec<u8>, CodecError> {
     bincode::serde::encode_to_vec(value, bincode::config::legacy()).map_err(|e| CodecError::Malformed(e.to_string()))
 }
 
+/// Appends the bytes of `value` to `out`. Allocates only where `out` must grow.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_into<T: Serialize>(value: &T, out: &mut Vec<u8>) -> Result<(), CodecError> {
+    let written = bincode::serde::encode_into_std_write(value, out, bincode::config::legacy());
+    written.map(|_| ()).map_err(|e| CodecError::Malformed(e.to_string()))
+}
+
 /// Reads a value that takes all of `bytes`, and takes no more than `CAP` bytes of memory for lengths it reads.
 ///
 /// # Errors

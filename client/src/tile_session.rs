@@ -1,1 +1,0 @@
-//! tile_session

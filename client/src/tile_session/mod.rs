@@ -1,0 +1,563 @@
+//! A node's side of the protocol: messages and blobs in, actions out. No sockets, no clock, no GPU.
+//!
+//! ```text
+//! Frame(n) → sets by delta → what is missing? → Fetch … blobs → Upload → Draw(n) → drawn → Ready(n) … Swap(n) → Show(n)
+//! ```
+//! It works on the newest frame: one that came while another was drawn or fetched for takes its place. Chunks stay
+//! across frames and, while the scene stays the same, across connections; so does the picture that is shown.
+
+mod assembly;
+mod need;
+
+use std::collections::{HashMap, VecDeque};
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+use mullion_common::scene::{ChunkHash, ChunkId, ObjectId, SceneManifest, SectionKind, Transform};
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::ViewId;
+use mullion_common::wire::{
+    BASE_WINDOW, Budget, Bye, ByeCode, Frame, Hello, MAX_WANTED, Manifest, Moved, SectionRef, Stats, ToMaster, ToTile, ViewSpec,
+    Welcome,
+};
+
+pub use assembly::{Assembly, PieceError};
+pub use need::missing_in_order_of_need;
+
+/// How often a blob that came damaged is asked for again.
+pub const MAX_REFETCHES: u32 = 3;
+/// Most blobs on their way at once: few, so that what is needed most does not queue behind what was.
+pub const FETCH_WINDOW: usize = 64;
+/// Most bytes on their way at once, but for a single larger blob.
+pub const FETCH_WINDOW_BYTES: u64 = 8 << 20;
+const _: () = assert!(FETCH_WINDOW <= MAX_WANTED, "the master takes a full window");
+
+/// What one view draws.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewToDraw {
+    /// Which view of the wall.
+    pub view: ViewId,
+    /// Where its eye is, room space, metres.
+    pub eye: DVec3,
+    /// What it may spend.
+    pub budget: Budget,
+    /// What it sees; all of it is in the manifest.
+    pub leaves: VisibleSet,
+}
+
+/// A frame whose chunks are all there.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameToDraw {
+    /// Its number.
+    pub number: u64,
+    /// Which manifest it is of.
+    pub epoch: u32,
+    /// Time in the scene, seconds.
+    pub scene_time_s: f64,
+    /// Where the room is in the world.
+    pub world_from_room: DAffine3,
+    /// The eye that all views share for what must agree across seams, world space.
+    pub shared_eye: DVec3,
+    /// In the order of the welcome.
+    pub views: Vec<ViewToDraw>,
+}
+
+/// What drawing a frame took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DrawStats {
+    /// Time it took, microseconds.
+    pub draw_us: u32,
+    /// Leaves drawn, all views together.
+    pub leaves: u32,
+    /// Triangles drawn, all views together.
+    pub triangles: u64,
+}
+
+/// What the shell is to do, in order.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// Send it on the control connection.
+    Send(ToMaster),
+    /// Want these blobs, of these lengths, in this order.
+    Fetch(Vec<(ChunkHash, u64)>),
+    /// A new scene or new views: forget all chunks.
+    OpenScene(Arc<SceneManifest>, Arc<[ViewSpec]>),
+    /// Take a chunk's bytes, whose hash is right.
+    Upload {
+        /// Which chunk.
+        chunk: ChunkId,
+        /// Its bytes.
+        bytes: Vec<u8>,
+    },
+    /// An object moved.
+    SetTransform(Moved),
+    /// Draw, keep the picture back, and call [`TileSession::drawn`].
+    Draw(Arc<FrameToDraw>),
+    /// Show the picture drawn last.
+    Show {
+        /// Number of its frame.
+        frame: u64,
+    },
+    /// Say goodbye, where it is not the master that said it, and close both connections.
+    Close {
+        /// Why.
+        bye: Bye,
+        /// Which side ends it.
+        by: EndedBy,
+    },
+}
+
+/// Which side ended a connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum EndedBy {
+    Master,
+    Node,
+}
+
+/// A scene that is being drawn.
+#[derive(Debug)]
+struct OpenScene {
+    manifest: Arc<SceneManifest>,
+    transforms: Vec<Transform>,
+    /// By `ChunkId`.
+    is_resident: Vec<bool>,
+    /// All chunks, sorted by their hashes.
+    by_hash: Vec<ChunkId>,
+    resident: usize,
+    resident_bytes: u64,
+}
+
+/// What the newest frame lacks.
+#[derive(Debug, Default)]
+struct Lack {
+    /// Which frame; `None` where that is not worked out.
+    frame: Option<u64>,
+    /// In order of need.
+    chunks: Vec<ChunkId>,
+    /// How many of them from the front have been asked for, or are there.
+    asked: usize,
+    /// By `ChunkId`: whether it is in `chunks` and not there.
+    is_awaited: Vec<bool>,
+    /// How many are awaited.
+    left: usize,
+}
+
+/// The manifest's sections on their way.
+#[derive(Debug)]
+struct Sections {
+    refs: Vec<SectionRef>,
+    /// In the order of [`SectionKind::FOR_TILES`].
+    bytes: [Option<Vec<u8>>; 4],
+}
+
+/// The protocol state of a node.
+#[derive(Debug)]
+pub struct TileSession {
+    node: String,
+    credentials: Option<Vec<u8>>,
+    views: Arc<[ViewSpec]>,
+    views_changed: bool,
+    epoch: Option<u32>,
+    /// The sections of `scene`, or of the scene that is on its way.
+    section_refs: Vec<SectionRef>,
+    sections: Option<Sections>,
+    scene: Option<OpenScene>,
+    on_the_way: HashMap<ChunkHash, u64>,
+    on_the_way_bytes: u64,
+    damaged: HashMap<ChunkHash, u32>,
+    /// Frames that were acknowledged on this connection; the newest last.
+    acknowledged: VecDeque<Arc<FrameToDraw>>,
+    /// The newest frame, not drawn yet.
+    pending: Option<Arc<FrameToDraw>>,
+    /// Moved objects that came before the scene was open.
+    moved_early: HashMap<ObjectId, Transform>,
+    drawing: Option<Arc<FrameToDraw>>,
+    drawn: Option<u64>,
+    shown: Option<u64>,
+    last_stats: DrawStats,
+    closed: bool,
+    actions: VecDeque<Action>,
+    lack: Lack,
+}
+
+impl TileSession {
+    /// A node of that name, not connected yet.
+    pub fn new(node: impl Into<String>, credentials: Option<Vec<u8>>) -> Self {
+        Self {
+            node: node.into(),
+            credentials,
+            views: Arc::new([]),
+            views_changed: true,
+            epoch: None,
+            section_refs: Vec::new(),
+            sections: None,
+            scene: None,
+            on_the_way: HashMap::new(),
+            on_the_way_bytes: 0,
+            damaged: HashMap::new(),
+            acknowledged: VecDeque::new(),
+            pending: None,
+            moved_early: HashMap::new(),
+            drawing: None,
+            drawn: None,
+            shown: None,
+            last_stats: DrawStats::default(),
+            closed: true,
+            actions: VecDeque::new(),
+            lack: Lack::default(),
+        }
+    }
+
+    /// The greeting of every connection.
+    pub fn hello(&self) -> Hello {
+        Hello { node: self.node.clone(), credentials: self.credentials.clone(), cached: Vec::new() }
+    }
+
+    /// A connection is there and the greeting is sent.
+    pub fn connected(&mut self) {
+        self.closed = false;
+    }
+
+    /// Both connections are gone. Chunks and the shown picture stay.
+    pub fn disconnected(&mut self) {
+        self.closed = true;
+        // What the painter holds must stay what this session believes it holds.
+        self.actions.retain(|a| matches!(a, Action::OpenScene(..) | Action::Upload { .. } | Action::SetTransform(_)));
+        self.epoch = None;
+        self.pending = None;
+        self.lack.frame = None;
+        self.drawing = None;
+        self.drawn = None;
+        self.acknowledged.clear();
+        self.damaged.clear();
+        self.on_the_way.clear();
+        self.on_the_way_bytes = 0;
+    }
+
+    /// A message came in.
+    pub fn handle_message(&mut self, message: ToTile) {
+        if self.closed {
+            return;
+        }
+        let result = match message {
+            ToTile::Welcome(welcome) => {
+                self.take_welcome(welcome);
+                Ok(())
+            }
+            ToTile::Manifest(manifest) => self.take_manifest(manifest),
+            ToTile::Frame(frame) => self.take_frame(frame),
+            ToTile::Swap { frame } => {
+                if self.drawn == Some(frame) && self.shown != Some(frame) {
+                    self.shown = Some(frame);
+                    self.actions.push_back(Action::Show { frame });
+                }
+                Ok(())
+            }
+            ToTile::Alive => Ok(()),
+            ToTile::Bye(bye) => {
+                self.close(bye, EndedBy::Master);
+                Ok(())
+            }
+        };
+        if let Err(reason) = result {
+            self.fail(reason);
+        }
+    }
+
+    /// A blob came in whole.
+    pub fn handle_blob(&mut self, hash: ChunkHash, bytes: Vec<u8>) {
+        let Some(length) = self.on_the_way.remove(&hash).filter(|_| !self.closed) else { return };
+        self.on_the_way_bytes -= length;
+        if ChunkHash::of(&bytes) != hash {
+            return self.take_damaged(hash, length);
+        }
+        if let Some(sections) = &mut self.sections {
+            sections.take(hash, bytes);
+            self.open_when_whole();
+            self.plan();
+        } else {
+            self.take_chunk(hash, bytes);
+            self.fetch_missing();
+        }
+    }
+
+    /// The master says that it has no such blob.
+    pub fn handle_absent(&mut self, hash: ChunkHash) {
+        self.fail(format!("the master has no blob {hash}, though its manifest names it"));
+    }
+
+    /// The frame of the last [`Action::Draw`] is drawn.
+    pub fn drawn(&mut self, frame: u64, stats: DrawStats) {
+        if self.drawing.as_ref().is_none_or(|drawing| drawing.number != frame) {
+            return; // of a connection that is gone
+        }
+        if let Some(drawing) = self.drawing.take() {
+            if self.acknowledged.len() == BASE_WINDOW {
+                self.acknowledged.pop_front();
+            }
+            self.acknowledged.push_back(drawing);
+        }
+        self.drawn = Some(frame);
+        self.last_stats = stats;
+        self.actions.push_back(Action::Send(ToMaster::Ready { frame }));
+        self.plan();
+    }
+
+    /// What to do next, until there is nothing. Events that come before it is asked may replace the frame to draw.
+    pub fn poll_action(&mut self) -> Option<Action> {
+        self.actions.pop_front().or_else(|| self.next_draw())
+    }
+
+    /// What goes to the master every second.
+    pub fn stats(&self) -> Stats {
+        Stats {
+            frame: self.drawn.unwrap_or(0),
+            draw_us: self.last_stats.draw_us,
+            leaves: self.last_stats.leaves,
+            triangles: self.last_stats.triangles,
+            resident_bytes: self.scene.as_ref().map_or(0, |s| s.resident_bytes),
+        }
+    }
+
+    /// The frame that is shown.
+    pub fn shown(&self) -> Option<u64> {
+        self.shown
+    }
+
+    /// How many chunks are there.
+    pub fn resident_chunks(&self) -> usize {
+        self.scene.as_ref().map_or(0, |s| s.resident)
+    }
+
+    fn close(&mut self, bye: Bye, by: EndedBy) {
+        if !self.closed {
+            self.closed = true;
+            self.actions.push_back(Action::Close { bye, by });
+        }
+    }
+
+    fn fail(&mut self, reason: impl Into<String>) {
+        self.close(Bye::new(ByeCode::Malformed, reason), EndedBy::Node);
+    }
+
+    fn take_welcome(&mut self, welcome: Welcome) {
+        if *self.views != *welcome.views {
+            self.views = welcome.views.into();
+            self.views_changed = true;
+        }
+    }
+
+    fn take_manifest(&mut self, manifest: Manifest) -> Result<(), String> {
+        self.epoch = Some(manifest.epoch);
+        self.pending = None;
+        self.lack.frame = None;
+        self.acknowledged.clear();
+        self.moved_early.clear();
+        let same = self.section_refs == manifest.sections && !self.views_changed;
+        if same && let Some(scene) = &mut self.scene {
+            // Objects may have moved back while nobody told us: start from where the manifest has them.
+            for (i, transform) in scene.manifest.transforms.iter().enumerate() {
+                if scene.transforms[i] != *transform {
+                    scene.transforms[i] = *transform;
+                    let moved = Moved { object: ObjectId(i as u32), transform: *transform };
+                    self.actions.push_back(Action::SetTransform(moved));
+                }
+            }
+            return Ok(());
+        }
+        self.section_refs.clone_from(&manifest.sections);
+        let mut refs = Vec::with_capacity(4);
+        for kind in SectionKind::FOR_TILES {
+            let found = manifest.sections.iter().find(|s| s.kind == kind);
+            refs.push(*found.ok_or_else(|| format!("the manifest lacks section {kind:?}"))?);
+        }
+        self.scene = None;
+        self.sections = Some(Sections { refs: refs.clone(), bytes: [const { None }; 4] });
+        let mut fetch: Vec<(ChunkHash, u64)> = Vec::new();
+        for section in refs {
+            if !fetch.iter().any(|(hash, _)| *hash == section.hash) {
+                fetch.push((section.hash, section.length));
+            }
+        }
+        self.fetch(fetch);
+        Ok(())
+    }
+
+    fn take_frame(&mut self, frame: Frame) -> Result<(), String> {
+        let epoch = self.epoch.ok_or("a frame came before the manifest")?;
+        if frame.epoch != epoch {
+            return Err(format!("frame {} is of epoch {}, the manifest of {epoch}", frame.number, frame.epoch));
+        }
+        if frame.views.len() != self.views.len() {
+            return Err(format!("frame {} has {} views, the welcome {}", frame.number, frame.views.len(), self.views.len()));
+        }
+        let base = match frame.base {
+            None => None,
+            Some(number) => {
+                let known = self.acknowledged.iter().find(|f| f.number == number);
+                Some(known.ok_or_else(|| format!("frame {} stands on frame {number}, which is not here", frame.number))?)
+            }
+        };
+        let nothing = VisibleSet::default();
+        let mut scratch = VisibleSet::default();
+        let views = frame.views.iter().zip(self.views.iter()).enumerate().map(|(i, (view, spec))| {
+            let mut leaves = VisibleSet::default();
+            view.leaves.apply(base.map_or(&nothing, |base| &base.views[i].leaves), &mut scratch, &mut leaves);
+            ViewToDraw { view: spec.view, eye: view.eye, budget: view.budget, leaves }
+        });
+        let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, .. } = frame;
+        let views = views.collect();
+        self.pending = Some(Arc::new(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views }));
+        self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));
+        self.plan();
+        Ok(())
+    }
+
+    fn take_damaged(&mut self, hash: ChunkHash, length: u64) {
+        let times = self.damaged.get(&hash).map_or(1, |times| times + 1);
+        self.damaged.insert(hash, times);
+        if times > MAX_REFETCHES {
+            return self.fail(format!("blob {hash} came damaged {times} times"));
+        }
+        self.fetch(vec![(hash, length)]);
+    }
+
+    fn open_when_whole(&mut self) {
+        let Some([Some(a), Some(b), Some(c), Some(d)]) = self.sections.as_ref().map(|s| s.bytes.each_ref().map(Option::as_deref))
+        else {
+            return;
+        };
+        let manifest = match SceneManifest::from_sections([a, b, c, d]) {
+            Ok(manifest) => Arc::new(manifest),
+            Err(error) => return self.fail(format!("the scene: {error}")),
+        };
+        self.sections = None;
+        self.views_changed = false;
+        let mut by_hash: Vec<ChunkId> = (0..manifest.chunks.len() as u32).map(ChunkId).collect();
+        by_hash.sort_by_key(|id| manifest.chunks[id.0 as usize].hash);
+        self.scene = Some(OpenScene {
+            transforms: manifest.transforms.clone(),
+            is_resident: vec![false; manifest.chunks.len()],
+            by_hash,
+            resident: 0,
+            resident_bytes: 0,
+            manifest: Arc::clone(&manifest),
+        });
+        self.actions.push_back(Action::OpenScene(manifest, Arc::clone(&self.views)));
+    }
+
+    fn take_chunk(&mut self, hash: ChunkHash, bytes: Vec<u8>) {
+        let Some(scene) = &mut self.scene else { return };
+        let hash_of = |id: &ChunkId| scene.manifest.chunks[id.0 as usize].hash;
+        let first = scene.by_hash.partition_point(|id| hash_of(id) < hash);
+        let same = scene.by_hash[first..].iter().copied().take_while(|id| hash_of(id) == hash);
+        for chunk in same.collect::<Vec<_>>() {
+            let at = chunk.0 as usize;
+            if !std::mem::replace(&mut scene.is_resident[at], true) {
+                scene.resident += 1;
+                scene.resident_bytes += bytes.len() as u64;
+                self.actions.push_back(Action::Upload { chunk, bytes: bytes.clone() });
+                if std::mem::take(&mut self.lack.is_awaited[at]) {
+                    self.lack.left -= 1;
+                }
+            }
+        }
+    }
+
+    /// Finds out what the newest frame lacks, and goes on from there.
+    fn plan(&mut self) {
+        if self.closed || self.drawing.is_some() {
+            return;
+        }
+        let (Some(scene), Some(pending)) = (&mut self.scene, &self.pending) else { return };
+        let leaf_count = scene.manifest.leaves.len() as u32;
+        let beyond = pending.views.iter().filter_map(|v| v.leaves.ranges().last()).find(|r| r.end > leaf_count);
+        if let Some(range) = beyond {
+            let reason = format!("frame {}: leaf {} of {leaf_count}", pending.number, range.end - 1);
+            return self.fail(reason);
+        }
+        if let Some(object) = self.moved_early.keys().find(|o| o.0 as usize >= scene.transforms.len()) {
+            let reason = format!("frame {}: object {} moved, which is not there", pending.number, object.0);
+            return self.fail(reason);
+        }
+        for (object, transform) in self.moved_early.drain() {
+            let known = &mut scene.transforms[object.0 as usize];
+            if *known != transform {
+                *known = transform;
+                self.actions.push_back(Action::SetTransform(Moved { object, transform }));
+            }
+        }
+        self.lack.chunks.clear();
+        if scene.resident < scene.is_resident.len() {
+            let held = |id: ChunkId| scene.is_resident[id.0 as usize];
+            let sets = pending.views.iter().map(|v| &v.leaves);
+            let (eye, chunks) = (pending.shared_eye, &mut self.lack.chunks);
+            missing_in_order_of_need(&scene.manifest, &scene.transforms, sets, eye, held, chunks);
+        }
+        self.lack.frame = Some(pending.number);
+        self.lack.asked = 0;
+        self.lack.left = self.lack.chunks.len();
+        self.lack.is_awaited.clear();
+        self.lack.is_awaited.resize(scene.is_resident.len(), false);
+        for chunk in &self.lack.chunks {
+            self.lack.is_awaited[chunk.0 as usize] = true;
+        }
+        self.fetch_missing();
+    }
+
+    fn next_draw(&mut self) -> Option<Action> {
+        let planned = self.lack.frame.is_some() && self.lack.frame == self.pending.as_ref().map(|p| p.number);
+        if self.closed || self.drawing.is_some() || !planned || self.lack.left > 0 {
+            return None;
+        }
+        self.drawing = self.pending.take();
+        self.drawn = None;
+        self.lack.frame = None;
+        self.drawing.as_ref().map(|drawing| Action::Draw(Arc::clone(drawing)))
+    }
+
+    fn fetch_missing(&mut self) {
+        let Some(scene) = self.scene.as_ref().filter(|_| !self.closed && self.lack.frame.is_some()) else { return };
+        let (mut open, mut bytes) = (self.on_the_way.len(), self.on_the_way_bytes);
+        let mut fetch: Vec<(ChunkHash, u64)> = Vec::new();
+        while let Some(id) = self.lack.chunks.get(self.lack.asked) {
+            let record = &scene.manifest.chunks[id.0 as usize];
+            let length = u64::from(record.length);
+            let is_asked = scene.is_resident[id.0 as usize]
+                || self.on_the_way.contains_key(&record.hash)
+                || fetch.iter().any(|(hash, _)| *hash == record.hash);
+            if !is_asked {
+                if open >= FETCH_WINDOW || (open > 0 && bytes + length > FETCH_WINDOW_BYTES) {
+                    break;
+                }
+                open += 1;
+                bytes += length;
+                fetch.push((record.hash, length));
+            }
+            self.lack.asked += 1;
+        }
+        self.fetch(fetch);
+    }
+
+    fn fetch(&mut self, blobs: Vec<(ChunkHash, u64)>) {
+        if blobs.is_empty() {
+            return;
+        }
+        for (hash, length) in &blobs {
+            self.on_the_way.insert(*hash, *length);
+            self.on_the_way_bytes += length;
+        }
+        self.actions.push_back(Action::Fetch(blobs));
+    }
+}
+
+impl Sections {
+    /// Sections may be equal, as empty ones are.
+    fn take(&mut self, hash: ChunkHash, bytes: Vec<u8>) {
+        for (section, place) in self.refs.iter().zip(&mut self.bytes).filter(|(section, _)| section.hash == hash) {
+            debug_assert_eq!(section.length, bytes.len() as u64);
+            *place = Some(bytes.clone());
+        }
+    }
+}

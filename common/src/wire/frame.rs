@@ -1,0 +1,175 @@
+//! The frame: what every view of a node sees, and from where.
+
+use glam::{DAffine3, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    MAX_TO_TILE_BYTES, MAX_VIEWS, WireError, codec, framed,
+    message::tag,
+    ranges::{put_set, take_set},
+    within,
+};
+use crate::scene::{ObjectId, Transform};
+use crate::visible_set::VisibleDelta;
+
+/// What a view may spend on a frame. Nothing said, nothing limited.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Budget {
+    /// Most triangles.
+    pub triangles: Option<u32>,
+    /// Most time on the GPU, microseconds.
+    pub gpu_us: Option<u32>,
+}
+
+/// One view's part of a frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameView {
+    /// Where its eye is, room space, metres.
+    pub eye: DVec3,
+    /// What it may spend.
+    pub budget: Budget,
+    /// What it sees, against the frame's base.
+    pub leaves: VisibleDelta,
+}
+
+/// An object's new place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moved {
+    /// Which object.
+    pub object: ObjectId,
+    /// Its `world_from_local`.
+    pub transform: Transform,
+}
+
+/// A frame for one node.
+///
+/// As bytes after the tag: number u64, epoch u32, scene time f64, `world_from_room` 12 × f64 (three columns and the
+/// translation), shared eye 3 × f64, base `Option<u64>`, view count u32, count of moved objects u32; for each view: eye
+/// 3 × f64, budget `Option<u32>` triangles, `Option<u32>` microseconds; for each view: the set of leaves removed, the set
+/// of leaves added (a set is a uvarint count, then per range the uvarint distance from one past the end of the range
+/// before, or from 0, and the uvarint length less one); for each moved object: id u32, 12 × f64.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Frame {
+    /// Its number: one more than that of the frame before.
+    pub number: u64,
+    /// Which manifest its leaves and objects are of.
+    pub epoch: u32,
+    /// Time in the scene, seconds.
+    pub scene_time_s: f64,
+    /// Where the room is in the world.
+    pub world_from_room: DAffine3,
+    /// The eye that all views share for what must agree across seams, as the order of blended leaves; world space.
+    pub shared_eye: DVec3,
+    /// The frame that the deltas are against; `None`: against empty sets.
+    pub base: Option<u64>,
+    /// In the order of the views in the welcome.
+    pub views: Vec<FrameView>,
+    /// Every object that moved since the base, or since the manifest where there is no base.
+    pub moved: Vec<Moved>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Head {
+    number: u64,
+    epoch: u32,
+    scene_time_s: f64,
+    world_from_room: [f64; 12],
+    shared_eye: [f64; 3],
+    base: Option<u64>,
+    views: u32,
+    moved: u32,
+}
+
+#[derive(Serialize, Deserialize)]
+struct ViewHead {
+    eye: [f64; 3],
+    budget: Budget,
+}
+
+const HEAD_CAP: usize = 256;
+const MOVED_BYTES: usize = 4 + size_of::<Transform>();
+
+impl Frame {
+    /// Writes the whole message to `out`, which it empties first. Allocates only where `out` must grow.
+    ///
+    /// # Errors
+    /// When the frame passes a cap.
+    pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
+        within("views", self.views.len(), MAX_VIEWS)?;
+        framed(out, tag::FRAME, MAX_TO_TILE_BYTES, |out| {
+            let head = Head {
+                number: self.number,
+                epoch: self.epoch,
+                scene_time_s: self.scene_time_s,
+                world_from_room: self.world_from_room.to_cols_array(),
+                shared_eye: self.shared_eye.to_array(),
+                base: self.base,
+                views: self.views.len() as u32,
+                moved: self.moved.len() as u32,
+            };
+            codec::encode_into(&head, out)?;
+            for view in &self.views {
+                codec::encode_into(&ViewHead { eye: view.eye.to_array(), budget: view.budget }, out)?;
+            }
+            for view in &self.views {
+                put_set(out, &view.leaves.removed);
+                put_set(out, &view.leaves.added);
+            }
+            for moved in &self.moved {
+                out.extend_from_slice(&moved.object.0.to_le_bytes());
+                out.extend_from_slice(bytemuck::bytes_of(&moved.transform));
+            }
+            Ok(())
+        })
+    }
+
+    pub(super) fn decode(mut bytes: &[u8]) -> Result<Self, WireError> {
+        let head: Head = take_head(&mut bytes)?;
+        within("views", head.views as usize, MAX_VIEWS)?;
+        let finite = |what, ok| if ok { Ok(()) } else { Err(WireError::NotFinite { what }) };
+        let world_from_room = DAffine3::from_cols_array(&head.world_from_room);
+        let shared_eye = DVec3::from(head.shared_eye);
+        finite("scene time", head.scene_time_s.is_finite())?;
+        finite("world_from_room", world_from_room.is_finite())?;
+        finite("shared eye", shared_eye.is_finite())?;
+        let mut views = Vec::with_capacity(head.views as usize);
+        for _ in 0..head.views {
+            let ViewHead { eye, budget } = take_head(&mut bytes)?;
+            let eye = DVec3::from(eye);
+            finite("eye", eye.is_finite())?;
+            views.push(FrameView { eye, budget, leaves: VisibleDelta::default() });
+        }
+        for view in &mut views {
+            take_set(&mut bytes, &mut view.leaves.removed)?;
+            take_set(&mut bytes, &mut view.leaves.added)?;
+        }
+        if head.base.is_some_and(|base| base >= head.number) {
+            return Err(WireError::Bulk { what: "base" });
+        }
+        if (head.moved as usize).checked_mul(MOVED_BYTES) != Some(bytes.len()) {
+            return Err(WireError::Bulk { what: "moved objects" });
+        }
+        let moved = bytes.chunks_exact(MOVED_BYTES).map(|bytes| {
+            let (object, transform) = bytes.split_at(4);
+            Moved { object: ObjectId(bytemuck::pod_read_unaligned(object)), transform: bytemuck::pod_read_unaligned(transform) }
+        });
+        let moved: Vec<Moved> = moved.collect();
+        finite("transform", moved.iter().all(|m| m.transform.is_finite()))?;
+        Ok(Self {
+            number: head.number,
+            epoch: head.epoch,
+            scene_time_s: head.scene_time_s,
+            world_from_room,
+            shared_eye,
+            base: head.base,
+            views,
+            moved,
+        })
+    }
+}
+
+fn take_head<T: serde::de::DeserializeOwned>(bytes: &mut &[u8]) -> Result<T, WireError> {
+    let (head, used) = codec::decode_prefix::<T, HEAD_CAP>(bytes)?;
+    *bytes = &bytes[used..];
+    Ok(head)
+}

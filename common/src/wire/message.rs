@@ -1,0 +1,591 @@
+//! The messages other than the frame, and their bytes.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Frame, MAGIC, MAX_CACHED, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_CREDENTIALS_BYTES, MAX_NAME_BYTES,
+    MAX_OPENING_BYTES, MAX_PIECE_BYTES, MAX_REASON_BYTES, MAX_SECTION_BYTES, MAX_SECTIONS, MAX_TO_MASTER_BYTES,
+    MAX_TO_TILE_BYTES, MAX_VIEWS, MAX_WANTED, PROTOCOL_VERSION, WireError, codec, framed, within,
+};
+use crate::scene::{ChunkHash, SectionKind};
+use crate::wall::{Eye, ObserverId, TileId, ViewId};
+
+pub(super) mod tag {
+    pub const HELLO: u8 = 1;
+    pub const CHUNK_HELLO: u8 = 2;
+    pub const READY: u8 = 3;
+    pub const STATS: u8 = 4;
+    pub const BYE: u8 = 5;
+    pub const WELCOME: u8 = 6;
+    pub const MANIFEST: u8 = 7;
+    pub const FRAME: u8 = 8;
+    pub const SWAP: u8 = 9;
+    pub const ALIVE: u8 = 10;
+    pub const WANT: u8 = 11;
+    pub const PIECE: u8 = 12;
+    pub const ABSENT: u8 = 13;
+}
+
+/// A node's greeting on its control connection.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Hello {
+    /// Which node of the wall it is.
+    pub node: String,
+    /// What proves it, where the master asks for proof.
+    pub credentials: Option<Vec<u8>>,
+    /// What it has cached. Reserved: the master reads and ignores it.
+    pub cached: Vec<ChunkHash>,
+}
+
+/// A node's greeting on its chunk connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChunkHello {
+    /// The number that the welcome gave.
+    pub session: u64,
+}
+
+/// The first message on a connection: says which one it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Opening {
+    Control(Hello),
+    Chunks(ChunkHello),
+}
+
+/// What a node did lately. Whether or not anything changed, one comes every second.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Stats {
+    /// Last frame drawn.
+    pub frame: u64,
+    /// Time it took to draw, microseconds.
+    pub draw_us: u32,
+    /// Leaves drawn, all views together.
+    pub leaves: u32,
+    /// Triangles drawn, all views together.
+    pub triangles: u64,
+    /// Bytes of chunks in memory.
+    pub resident_bytes: u64,
+}
+
+/// From a node to the master, after the greeting.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ToMaster {
+    /// The frame is drawn and can be shown.
+    Ready {
+        /// Its number.
+        frame: u64,
+    },
+    /// What it did lately.
+    Stats(Stats),
+    /// It goes.
+    Bye(Bye),
+}
+
+/// Why a connection ends. The numbers never change their meaning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ByeCode {
+    /// The show is over.
+    EndOfShow,
+    /// The two sides speak different versions.
+    VersionMismatch,
+    /// The wall has no node of that name.
+    UnknownNode,
+    /// A node of that name is there and alive.
+    AlreadyConnected,
+    /// A message could not be read, or says what cannot be.
+    Malformed,
+    /// A message is larger than its cap.
+    TooLarge,
+    /// The other side took too long.
+    Timeout,
+    /// There are too many connections.
+    TooMany,
+    /// The session number is of no node that is here.
+    UnknownSession,
+    /// The credentials do not suffice.
+    Refused,
+    /// The side that says it stops, and may be back.
+    Leaving,
+    /// Something failed on the side that says it.
+    Failed,
+    /// A code of a later version.
+    Other(u32),
+}
+
+impl ByeCode {
+    const KNOWN: [Self; 12] = [
+        Self::EndOfShow,
+        Self::VersionMismatch,
+        Self::UnknownNode,
+        Self::AlreadyConnected,
+        Self::Malformed,
+        Self::TooLarge,
+        Self::Timeout,
+        Self::TooMany,
+        Self::UnknownSession,
+        Self::Refused,
+        Self::Leaving,
+        Self::Failed,
+    ];
+
+    /// Its number on the wire: from 1 in the order above.
+    pub fn number(self) -> u32 {
+        match self {
+            Self::Other(number) => number,
+            known => Self::KNOWN.iter().position(|k| *k == known).map_or(0, |i| i as u32 + 1),
+        }
+    }
+
+    /// The code of that number.
+    pub fn from_number(number: u32) -> Self {
+        let known = (number as usize).checked_sub(1).and_then(|i| Self::KNOWN.get(i));
+        known.copied().unwrap_or(Self::Other(number))
+    }
+
+    /// Whether a node that hears it should try again later.
+    pub fn is_retryable(self) -> bool {
+        use ByeCode as C;
+        !matches!(self, C::EndOfShow | C::VersionMismatch | C::UnknownNode | C::Refused)
+    }
+}
+
+/// The last message on a connection.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Bye {
+    /// Why, for programs.
+    pub code: ByeCode,
+    /// Why, for people. One line.
+    pub reason: String,
+}
+
+impl Bye {
+    /// A reason longer than its cap is cut.
+    pub fn new(code: ByeCode, reason: impl Into<String>) -> Self {
+        let mut reason: String = reason.into();
+        let mut end = reason.len().min(MAX_REASON_BYTES);
+        while !reason.is_char_boundary(end) {
+            end -= 1;
+        }
+        reason.truncate(end);
+        Self { code, reason }
+    }
+
+    /// What answers a message that could not be read.
+    pub fn for_error(error: &WireError) -> Self {
+        let code = match error {
+            WireError::Version { .. } => ByeCode::VersionMismatch,
+            WireError::Limit { .. } | WireError::Codec(codec::CodecError::TooLarge { .. }) => ByeCode::TooLarge,
+            _ => ByeCode::Malformed,
+        };
+        Self::new(code, error.to_string())
+    }
+}
+
+impl fmt::Display for Bye {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}: {}", self.code, self.reason)
+    }
+}
+
+/// A view that a node draws: what one eye of one observer sees through one tile.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewSpec {
+    /// Which view of the wall.
+    pub view: ViewId,
+    /// Which tile of the wall.
+    pub tile: TileId,
+    /// What the tile is called.
+    pub tile_name: String,
+    /// Whose eye.
+    pub observer: ObserverId,
+    /// Which eye.
+    pub eye: Eye,
+    /// Bottom left, bottom right, top left of the tile's visible area, room space, metres.
+    pub corners: [[f64; 3]; 3],
+    /// Width and height of the tile, pixels.
+    pub size_px: [u32; 2],
+    /// Distance of the near plane, metres of the room.
+    pub near_m: f64,
+}
+
+/// The master's answer to a greeting.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Welcome {
+    /// The master's version.
+    pub version: u32,
+    /// Opens the chunk connection; unguessable.
+    pub session: u64,
+    /// The node as the master knows it.
+    pub node: String,
+    /// What it draws.
+    pub views: Vec<ViewSpec>,
+    /// Frames a second that the wall aims at.
+    pub rate_hz: f64,
+    /// Number of the next frame.
+    pub next_frame: u64,
+}
+
+/// A section of the scene that tiles need, fetched as a blob.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SectionRef {
+    /// What it holds.
+    pub kind: SectionKind,
+    /// Name of its bytes.
+    pub hash: ChunkHash,
+    /// How many bytes.
+    pub length: u64,
+}
+
+/// Which scene the frames are of.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Frames of this epoch speak of this scene.
+    pub epoch: u32,
+    /// What to fetch before anything can be drawn.
+    pub sections: Vec<SectionRef>,
+}
+
+/// From the master to a node, on the control connection.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ToTile {
+    /// The node is part of the wall.
+    Welcome(Welcome),
+    /// The scene.
+    Manifest(Manifest),
+    /// What to draw.
+    Frame(Frame),
+    /// What to show.
+    Swap {
+        /// Number of the frame.
+        frame: u64,
+    },
+    /// The master is there and has nothing to say.
+    Alive,
+    /// The master ends the connection.
+    Bye(Bye),
+}
+
+/// Blobs that a node wants, in order of need.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Want {
+    /// Names, in order of need.
+    pub hashes: Vec<ChunkHash>,
+}
+
+/// Part of a blob.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Piece<'a> {
+    /// Name of the blob.
+    pub hash: ChunkHash,
+    /// Where the piece starts; pieces of a blob come in order.
+    pub offset: u64,
+    /// Bytes of the whole blob.
+    pub total: u64,
+    /// The bytes.
+    pub bytes: &'a [u8],
+}
+
+/// From the master to a node, on the chunk connection.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ChunkReply<'a> {
+    /// Part of a blob.
+    Piece(Piece<'a>),
+    /// The master has no such blob.
+    Absent {
+        /// Its name.
+        hash: ChunkHash,
+    },
+    /// The master ends the connection.
+    Bye(Bye),
+}
+
+#[derive(Serialize, Deserialize)]
+struct HelloHead {
+    magic: [u8; 4],
+    version: u32,
+    node: String,
+    credentials: Option<Vec<u8>>,
+    cached: Vec<ChunkHash>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct ChunkHelloHead {
+    magic: [u8; 4],
+    version: u32,
+    session: u64,
+}
+
+#[derive(Serialize, Deserialize)]
+struct ByeHead {
+    code: u32,
+    reason: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct PieceHead {
+    hash: ChunkHash,
+    offset: u64,
+    total: u64,
+}
+
+fn put_bye(out: &mut Vec<u8>, bye: &Bye) -> Result<(), WireError> {
+    within("bytes of a reason", bye.reason.len(), MAX_REASON_BYTES)?;
+    Ok(codec::encode_into(&ByeHead { code: bye.code.number(), reason: bye.reason.clone() }, out)?)
+}
+
+fn take_bye(rest: &[u8]) -> Result<Bye, WireError> {
+    let head: ByeHead = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
+    within("bytes of a reason", head.reason.len(), MAX_REASON_BYTES)?;
+    let reason = head.reason.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    Ok(Bye { code: ByeCode::from_number(head.code), reason })
+}
+
+fn split_tag(body: &[u8], cap: usize) -> Result<(u8, &[u8]), WireError> {
+    within("bytes of a message", body.len(), cap)?;
+    body.split_first().map(|(tag, rest)| (*tag, rest)).ok_or(WireError::Empty)
+}
+
+impl Opening {
+    /// Writes the whole message to `out`, which it empties first.
+    ///
+    /// # Errors
+    /// When a part passes its cap.
+    pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
+        self.encode_as_version(PROTOCOL_VERSION, out)
+    }
+
+    /// As [`Opening::encode`], of a program of another version.
+    ///
+    /// # Errors
+    /// When a part passes its cap.
+    pub fn encode_as_version(&self, version: u32, out: &mut Vec<u8>) -> Result<(), WireError> {
+        match self {
+            Self::Control(hello) => {
+                hello.check()?;
+                let Hello { node, credentials, cached } = hello.clone();
+                let head = HelloHead { magic: MAGIC, version, node, credentials, cached };
+                framed(out, tag::HELLO, MAX_OPENING_BYTES, |out| Ok(codec::encode_into(&head, out)?))
+            }
+            Self::Chunks(hello) => {
+                let head = ChunkHelloHead { magic: MAGIC, version, session: hello.session };
+                framed(out, tag::CHUNK_HELLO, MAX_OPENING_BYTES, |out| Ok(codec::encode_into(&head, out)?))
+            }
+        }
+    }
+
+    /// Reads a body.
+    ///
+    /// # Errors
+    /// When it is no greeting of this version, or a part passes its cap.
+    pub fn decode(body: &[u8]) -> Result<Self, WireError> {
+        let (tag, rest) = split_tag(body, MAX_OPENING_BYTES)?;
+        if !matches!(tag, tag::HELLO | tag::CHUNK_HELLO) {
+            return Err(WireError::Tag { tag });
+        }
+        if !rest.starts_with(&MAGIC) {
+            return Err(WireError::Magic);
+        }
+        let version = rest.get(4..8).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes).ok_or(WireError::Empty)?;
+        if version != PROTOCOL_VERSION {
+            return Err(WireError::Version { theirs: version });
+        }
+        if tag == tag::HELLO {
+            let head: HelloHead = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
+            let hello = Hello { node: head.node, credentials: head.credentials, cached: head.cached };
+            hello.check()?;
+            Ok(Self::Control(hello))
+        } else {
+            let head: ChunkHelloHead = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
+            Ok(Self::Chunks(ChunkHello { session: head.session }))
+        }
+    }
+}
+
+impl Hello {
+    fn check(&self) -> Result<(), WireError> {
+        within("bytes of a node's name", self.node.len(), MAX_NAME_BYTES)?;
+        within("bytes of credentials", self.credentials.as_ref().map_or(0, Vec::len), MAX_CREDENTIALS_BYTES)?;
+        within("cached hashes", self.cached.len(), MAX_CACHED)
+    }
+}
+
+impl ToMaster {
+    /// Writes the whole message to `out`, which it empties first.
+    ///
+    /// # Errors
+    /// When a part passes its cap.
+    pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
+        let cap = MAX_TO_MASTER_BYTES;
+        match self {
+            Self::Ready { frame } => framed(out, tag::READY, cap, |out| Ok(codec::encode_into(frame, out)?)),
+            Self::Stats(stats) => framed(out, tag::STATS, cap, |out| Ok(codec::encode_into(stats, out)?)),
+            Self::Bye(bye) => framed(out, tag::BYE, cap, |out| put_bye(out, bye)),
+        }
+    }
+
+    /// Reads a body.
+    ///
+    /// # Errors
+    /// When it is no such message, or a part passes its cap.
+    pub fn decode(body: &[u8]) -> Result<Self, WireError> {
+        let (tag, rest) = split_tag(body, MAX_TO_MASTER_BYTES)?;
+        match tag {
+            tag::READY => Ok(Self::Ready { frame: codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)? }),
+            tag::STATS => Ok(Self::Stats(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
+            tag::BYE => Ok(Self::Bye(take_bye(rest)?)),
+            tag => Err(WireError::Tag { tag }),
+        }
+    }
+}
+
+impl ToTile {
+    /// Writes the whole message to `out`, which it empties first.
+    ///
+    /// # Errors
+    /// When a part passes its cap.
+    pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
+        let cap = MAX_TO_TILE_BYTES;
+        match self {
+            Self::Welcome(welcome) => {
+                welcome.check()?;
+                framed(out, tag::WELCOME, cap, |out| Ok(codec::encode_into(welcome, out)?))
+            }
+            Self::Manifest(manifest) => {
+                manifest.check()?;
+                framed(out, tag::MANIFEST, cap, |out| Ok(codec::encode_into(manifest, out)?))
+            }
+            Self::Frame(frame) => frame.encode(out),
+            Self::Swap { frame } => framed(out, tag::SWAP, cap, |out| Ok(codec::encode_into(frame, out)?)),
+            Self::Alive => framed(out, tag::ALIVE, cap, |_| Ok(())),
+            Self::Bye(bye) => framed(out, tag::BYE, cap, |out| put_bye(out, bye)),
+        }
+    }
+
+    /// Reads a body.
+    ///
+    /// # Errors
+    /// When it is no such message, a part passes its cap, or a number that places something is not finite.
+    pub fn decode(body: &[u8]) -> Result<Self, WireError> {
+        const SMALL: usize = 1 << 20;
+        let (tag, rest) = split_tag(body, MAX_TO_TILE_BYTES)?;
+        match tag {
+            tag::WELCOME => {
+                let welcome: Welcome = codec::decode::<_, SMALL>(rest)?;
+                welcome.check().map(|()| Self::Welcome(welcome))
+            }
+            tag::MANIFEST => {
+                let manifest: Manifest = codec::decode::<_, SMALL>(rest)?;
+                manifest.check().map(|()| Self::Manifest(manifest))
+            }
+            tag::FRAME => Ok(Self::Frame(Frame::decode(rest)?)),
+            tag::SWAP => Ok(Self::Swap { frame: codec::decode::<_, SMALL>(rest)? }),
+            tag::ALIVE if rest.is_empty() => Ok(Self::Alive),
+            tag::BYE => Ok(Self::Bye(take_bye(rest)?)),
+            tag => Err(WireError::Tag { tag }),
+        }
+    }
+}
+
+impl Welcome {
+    fn check(&self) -> Result<(), WireError> {
+        within("bytes of a node's name", self.node.len(), MAX_NAME_BYTES)?;
+        within("views", self.views.len(), MAX_VIEWS)?;
+        let finite = |v: &ViewSpec| v.near_m.is_finite() && v.corners.iter().flatten().all(|c| c.is_finite());
+        for view in &self.views {
+            // A tile of a grid on a named screen is called after both.
+            within("bytes of a tile's name", view.tile_name.len(), 2 * MAX_NAME_BYTES)?;
+        }
+        if self.rate_hz.is_finite() && self.views.iter().all(finite) {
+            Ok(())
+        } else {
+            Err(WireError::NotFinite { what: "a number of the welcome" })
+        }
+    }
+}
+
+impl Manifest {
+    fn check(&self) -> Result<(), WireError> {
+        within("sections", self.sections.len(), MAX_SECTIONS)?;
+        let longest = self.sections.iter().map(|s| s.length).max().unwrap_or(0);
+        if longest <= MAX_SECTION_BYTES {
+            Ok(())
+        } else {
+            Err(WireError::Limit { what: "bytes of a section", value: longest, cap: MAX_SECTION_BYTES })
+        }
+    }
+}
+
+impl Want {
+    /// Writes the whole message to `out`, which it empties first.
+    ///
+    /// # Errors
+    /// When there are more than [`MAX_WANTED`] hashes.
+    pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
+        within("wanted blobs", self.hashes.len(), MAX_WANTED)?;
+        framed(out, tag::WANT, MAX_CHUNK_REQUEST_BYTES, |out| Ok(codec::encode_into(&self.hashes, out)?))
+    }
+
+    /// Reads a body.
+    ///
+    /// # Errors
+    /// When it is no such message or passes its cap.
+    pub fn decode(body: &[u8]) -> Result<Self, WireError> {
+        let (tag, rest) = split_tag(body, MAX_CHUNK_REQUEST_BYTES)?;
+        if tag != tag::WANT {
+            return Err(WireError::Tag { tag });
+        }
+        let hashes: Vec<ChunkHash> = codec::decode::<_, MAX_CHUNK_REQUEST_BYTES>(rest)?;
+        within("wanted blobs", hashes.len(), MAX_WANTED)?;
+        Ok(Self { hashes })
+    }
+}
+
+impl<'a> ChunkReply<'a> {
+    /// Writes the whole message to `out`, which it empties first.
+    ///
+    /// # Errors
+    /// When a part passes its cap.
+    pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
+        let cap = MAX_CHUNK_REPLY_BYTES;
+        match self {
+            Self::Piece(Piece { hash, offset, total, bytes }) => {
+                within("bytes of a piece", bytes.len(), MAX_PIECE_BYTES)?;
+                framed(out, tag::PIECE, cap, |out| {
+                    codec::encode_into(&PieceHead { hash: *hash, offset: *offset, total: *total }, out)?;
+                    out.extend_from_slice(bytes);
+                    Ok(())
+                })
+            }
+            Self::Absent { hash } => framed(out, tag::ABSENT, cap, |out| Ok(codec::encode_into(hash, out)?)),
+            Self::Bye(bye) => framed(out, tag::BYE, cap, |out| put_bye(out, bye)),
+        }
+    }
+
+    /// Reads a body.
+    ///
+    /// # Errors
+    /// When it is no such message, a part passes its cap, or a piece ends past the end of its blob.
+    pub fn decode(body: &'a [u8]) -> Result<Self, WireError> {
+        const HEAD: usize = 64;
+        let (tag, rest) = split_tag(body, MAX_CHUNK_REPLY_BYTES)?;
+        match tag {
+            tag::PIECE => {
+                let (PieceHead { hash, offset, total }, used) = codec::decode_prefix::<_, HEAD>(rest)?;
+                let bytes = &rest[used..];
+                within("bytes of a piece", bytes.len(), MAX_PIECE_BYTES)?;
+                if total > MAX_SECTION_BYTES {
+                    return Err(WireError::Limit { what: "bytes of a blob", value: total, cap: MAX_SECTION_BYTES });
+                }
+                match offset.checked_add(bytes.len() as u64) {
+                    Some(end) if end <= total => Ok(Self::Piece(Piece { hash, offset, total, bytes })),
+                    _ => Err(WireError::Bulk { what: "piece" }),
+                }
+            }
+            tag::ABSENT => Ok(Self::Absent { hash: codec::decode::<_, HEAD>(rest)? }),
+            tag::BYE => Ok(Self::Bye(take_bye(rest)?)),
+            tag => Err(WireError::Tag { tag }),
+        }
+    }
+}

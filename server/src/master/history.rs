@@ -1,0 +1,90 @@
+//! The frames that deltas may stand on, and where every moved object is.
+
+use std::collections::{HashMap, VecDeque};
+
+use glam::{DAffine3, DVec3};
+use mullion_common::scene::ObjectId;
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wire::{BASE_WINDOW, Frame, FrameView, Moved};
+
+use super::FrameInput;
+use mullion_common::wall::ViewId;
+
+#[derive(Debug, Default)]
+struct Past {
+    number: u64,
+    /// By `ViewId`.
+    sets: Vec<VisibleSet>,
+}
+
+#[derive(Debug)]
+struct MovedAt {
+    moved: Moved,
+    frame: u64,
+}
+
+/// The newest frame and the sets of the [`BASE_WINDOW`] before it.
+#[derive(Debug, Default)]
+pub(super) struct History {
+    past: VecDeque<Past>,
+    scene_time_s: f64,
+    world_from_room: DAffine3,
+    eyes: Vec<DVec3>,
+    shared_eye: DVec3,
+    moved: Vec<MovedAt>,
+    place_of: HashMap<ObjectId, usize>,
+}
+
+impl History {
+    /// Takes a frame. Allocates only while sets grow, or where an object moves for the first time.
+    pub fn push(&mut self, input: &FrameInput<'_>) {
+        let mut newest = if self.past.len() > BASE_WINDOW { self.past.pop_front() } else { None }.unwrap_or_default();
+        newest.number = input.number;
+        newest.sets.resize_with(input.sets.len(), VisibleSet::default);
+        for (kept, set) in newest.sets.iter_mut().zip(input.sets) {
+            kept.clear();
+            set.ranges().iter().for_each(|range| kept.push(*range));
+        }
+        self.past.push_back(newest);
+        self.scene_time_s = input.scene_time_s;
+        self.world_from_room = input.world_from_room;
+        self.shared_eye = input.shared_eye;
+        self.eyes.clear();
+        self.eyes.extend_from_slice(input.eyes);
+        for moved in input.moved {
+            let entry = MovedAt { moved: *moved, frame: input.number };
+            let place = *self.place_of.entry(moved.object).or_insert(self.moved.len());
+            match self.moved.get_mut(place) {
+                Some(known) => *known = entry,
+                None => self.moved.push(entry),
+            }
+        }
+    }
+
+    /// Number of the newest frame.
+    pub fn newest(&self) -> Option<u64> {
+        self.past.back().map(|past| past.number)
+    }
+
+    /// Makes `frame` the newest one for a node with these views that has acknowledged `acked`. Reuses its memory.
+    pub fn write(&self, views: &[ViewId], acked: Option<u64>, epoch: u32, frame: &mut Frame) {
+        let Some(newest) = self.past.back() else { return };
+        let is_base = |past: &&Past| Some(past.number) == acked && past.number < newest.number;
+        let base = self.past.iter().find(is_base);
+        frame.number = newest.number;
+        frame.epoch = epoch;
+        frame.scene_time_s = self.scene_time_s;
+        frame.world_from_room = self.world_from_room;
+        frame.shared_eye = self.shared_eye;
+        frame.base = base.map(|base| base.number);
+        frame.views.resize_with(views.len(), FrameView::default);
+        let nothing = VisibleSet::default();
+        for (view, out) in views.iter().map(|v| usize::from(v.0)).zip(&mut frame.views) {
+            out.eye = self.eyes[view];
+            out.leaves.between(base.map_or(&nothing, |base| &base.sets[view]), &newest.sets[view]);
+        }
+        frame.moved.clear();
+        let is_news = |at: &&MovedAt| base.is_none_or(|base| at.frame > base.number);
+        frame.moved.extend(self.moved.iter().filter(is_news).map(|at| at.moved));
+    }
+}

@@ -1,0 +1,592 @@
+//! The master: who is connected, what each node is sent, and when a frame is shown.
+//!
+//! A state machine without sockets or a clock: `handle_*` take events and the time since any fixed start, `poll_output`
+//! gives what is to be done, `next_timeout` says when to call [`Master::handle_timeout`] at the latest. What a peer does
+//! wrong ends that peer's connection, with a code and a reason, and nothing else.
+//!
+//! ```text
+//! WantFrame(n) → begin_frame(n) → Send(Frame) to every node … Ready(n) … → Send(Swap), FrameReleased(n) → WantFrame(n+1)
+//! ```
+
+mod history;
+mod outbox;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::time::Duration;
+
+use glam::{DAffine3, DVec3};
+use mullion_common::scene::ChunkHash;
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::{ViewId, Wall};
+use mullion_common::wire::{
+    ALIVE_EVERY, Bye, ByeCode, ChunkHello, Frame, Hello, Manifest, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION,
+    SILENCE_LIMIT, SectionRef, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
+};
+
+use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, Standing, SwapBarrier};
+use history::History;
+pub use outbox::{Full, Kind, MAX_QUEUED, Message, Outbox};
+
+/// Most connections that have not said yet who they are.
+pub const MAX_UNNAMED: usize = 64;
+/// How long a node must have said nothing before a new connection may take its name.
+pub const TAKEOVER_AFTER: Duration = Duration::from_secs(3);
+/// Most message buffers kept for reuse.
+const MAX_POOLED: usize = 64;
+
+/// A connection's number; never used twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct PeerId(pub u64);
+
+/// When frames are wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// As soon as the one before was released.
+    AsFastAsPossible,
+    /// On a steady beat; a beat that is missed is skipped.
+    Every(Duration),
+}
+
+/// What a master needs to know beside the wall.
+#[derive(Clone, Debug)]
+pub struct MasterOptions {
+    /// How long frames wait.
+    pub barrier: BarrierOptions,
+    /// When frames are wanted.
+    pub pace: Pace,
+    /// How many frames the show has; `None`: until it is stopped.
+    pub frames: Option<u64>,
+    /// What tiles fetch before they draw.
+    pub sections: Vec<SectionRef>,
+    /// Makes session numbers unguessable: random bytes, fresh for each run.
+    pub session_seed: [u8; 32],
+}
+
+/// A frame that begins. All slices by `ViewId`, but `moved`.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameInput<'a> {
+    /// The number that was wanted.
+    pub number: u64,
+    /// Time in the scene, seconds.
+    pub scene_time_s: f64,
+    /// Where the room is in the world.
+    pub world_from_room: DAffine3,
+    /// Where each view's eye is, room space, metres.
+    pub eyes: &'a [DVec3],
+    /// The eye that all views share for what must agree across seams, world space.
+    pub shared_eye: DVec3,
+    /// What each view sees.
+    pub sets: &'a [VisibleSet],
+    /// Objects that have another transform than in the frame before.
+    pub moved: &'a [Moved],
+}
+
+/// What the shell is to do.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Output {
+    /// Put a message into the peer's [`Outbox`].
+    Send {
+        /// To whom.
+        peer: PeerId,
+        /// What.
+        message: Message,
+    },
+    /// The connection is a chunk connection: serve what it wants.
+    ServeChunks {
+        /// Which connection.
+        peer: PeerId,
+    },
+    /// Write what waits, then close. The peer's number is forgotten.
+    Close {
+        /// Which connection.
+        peer: PeerId,
+        /// Why.
+        bye: Bye,
+    },
+    /// The frame was released.
+    FrameReleased(FrameReleased),
+    /// Call [`Master::begin_frame`] with that number.
+    WantFrame {
+        /// The number.
+        number: u64,
+    },
+    /// The show is over; all connections are closing.
+    Finished,
+}
+
+/// A frame that was released.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FrameReleased {
+    /// Its number.
+    pub number: u64,
+    /// Time since it began.
+    pub waited: Duration,
+    /// Nodes that held it up and are not waited for any more.
+    pub passed_over: Vec<NodeIndex>,
+    /// Nodes that show it.
+    pub shown_by: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Peer {
+    Unnamed { deadline: Duration },
+    Node(NodeIndex),
+    Chunks(NodeIndex),
+}
+
+#[derive(Debug)]
+struct NodeState {
+    name: String,
+    views: Vec<ViewId>,
+    connection: Option<Connection>,
+    /// Bytes of its last frame message.
+    frame_bytes: u32,
+    passed_over: u64,
+    stats: Stats,
+}
+
+#[derive(Debug)]
+struct Connection {
+    peer: PeerId,
+    chunk_peer: Option<PeerId>,
+    session: u64,
+    heard: Duration,
+    said: Duration,
+    acked: Option<u64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Idle { due: Duration },
+    Wanted,
+    Running,
+    Over,
+}
+
+/// The master.
+#[derive(Debug)]
+pub struct Master {
+    wall: Arc<Wall>,
+    options: MasterOptions,
+    epoch: u32,
+    peers: BTreeMap<PeerId, Peer>,
+    nodes: Vec<NodeState>,
+    barrier: SwapBarrier,
+    history: History,
+    phase: Phase,
+    /// When the newest frame was due.
+    beat: Duration,
+    next_frame: u64,
+    sessions: u64,
+    outputs: VecDeque<Output>,
+    pool: Vec<Vec<u8>>,
+    scratch: Frame,
+}
+
+impl Master {
+    /// A master whose first frame is due at `now`.
+    pub fn new(wall: Arc<Wall>, options: MasterOptions, now: Duration) -> Self {
+        let node_of = |node: &mullion_common::wall::Node| NodeState {
+            name: node.name.clone(),
+            views: node.tiles.iter().flat_map(|tile| wall.views_of(*tile)).collect(),
+            connection: None,
+            frame_bytes: 0,
+            passed_over: 0,
+            stats: Stats::default(),
+        };
+        let nodes: Vec<NodeState> = wall.nodes().iter().map(node_of).collect();
+        Self {
+            barrier: SwapBarrier::new(nodes.len(), options.barrier.clone()),
+            wall,
+            options,
+            epoch: 1,
+            peers: BTreeMap::new(),
+            nodes,
+            history: History::default(),
+            phase: Phase::Idle { due: now },
+            beat: now,
+            next_frame: 0,
+            sessions: 0,
+            outputs: VecDeque::new(),
+            pool: Vec::new(),
+            scratch: Frame::default(),
+        }
+    }
+
+    /// A connection came in.
+    pub fn handle_connected(&mut self, peer: PeerId, now: Duration) {
+        let unnamed = self.peers.values().filter(|p| matches!(p, Peer::Unnamed { .. })).count();
+        self.peers.insert(peer, Peer::Unnamed { deadline: now + OPENING_LIMIT });
+        if self.phase == Phase::Over {
+            self.dismiss(peer, Bye::new(ByeCode::EndOfShow, "the show is over"));
+        } else if unnamed >= MAX_UNNAMED {
+            self.dismiss(peer, Bye::new(ByeCode::TooMany, format!("{MAX_UNNAMED} connections have not said who they are")));
+        }
+    }
+
+    /// A message's body came in.
+    pub fn handle_body(&mut self, peer: PeerId, body: &[u8], now: Duration) {
+        let result = match self.peers.get(&peer) {
+            Some(Peer::Unnamed { .. }) => Opening::decode(body).map(|opening| self.handle_opening(peer, opening, now)),
+            Some(Peer::Node(_)) => ToMaster::decode(body).map(|message| self.handle_message(peer, message, now)),
+            Some(Peer::Chunks(_)) | None => Ok(()),
+        };
+        if let Err(error) = result {
+            self.handle_fault(peer, &error, now);
+        }
+    }
+
+    /// What came in is no message.
+    pub fn handle_fault(&mut self, peer: PeerId, error: &WireError, now: Duration) {
+        let bye = match error {
+            WireError::Version { theirs } => Bye::new(
+                ByeCode::VersionMismatch,
+                format!("the master speaks protocol version {PROTOCOL_VERSION}, the node version {theirs}: install the same release on both"),
+            ),
+            other => Bye::for_error(other),
+        };
+        self.dismiss(peer, bye);
+        self.advance(now);
+    }
+
+    /// The first message of a connection came in.
+    pub fn handle_opening(&mut self, peer: PeerId, opening: Opening, now: Duration) {
+        if matches!(self.peers.get(&peer), Some(Peer::Unnamed { .. })) {
+            match opening {
+                Opening::Control(hello) => self.greet(peer, &hello, now),
+                Opening::Chunks(hello) => self.open_chunks(peer, hello),
+            }
+            self.advance(now);
+        }
+    }
+
+    /// A message of a node came in.
+    pub fn handle_message(&mut self, peer: PeerId, message: ToMaster, now: Duration) {
+        let Some(&Peer::Node(node)) = self.peers.get(&peer) else { return };
+        let state = &mut self.nodes[usize::from(node.0)];
+        let Some(connection) = &mut state.connection else { return };
+        connection.heard = now;
+        match message {
+            ToMaster::Ready { frame } => match self.barrier.ready(node, frame, now) {
+                Some(show_now) => {
+                    connection.acked = connection.acked.max(Some(frame));
+                    if show_now == ShowNow::Yes {
+                        self.send(node, &ToTile::Swap { frame }, Kind::Swap, now);
+                    }
+                }
+                None => {
+                    let newest = self.history.newest();
+                    let reason = format!("ready with frame {frame}, but the newest is {newest:?}");
+                    self.dismiss(peer, Bye::new(ByeCode::Malformed, reason));
+                }
+            },
+            ToMaster::Stats(stats) => state.stats = stats,
+            ToMaster::Bye(bye) => self.drop_peer(peer, bye),
+        }
+        self.advance(now);
+    }
+
+    /// A connection ended.
+    pub fn handle_disconnected(&mut self, peer: PeerId, now: Duration) {
+        self.forget(peer);
+        self.advance(now);
+    }
+
+    /// Time has passed.
+    pub fn handle_timeout(&mut self, now: Duration) {
+        let late = |p: &Peer| matches!(p, Peer::Unnamed { deadline } if *deadline <= now);
+        while let Some(peer) = self.peers.iter().find(|(_, p)| late(p)).map(|(id, _)| *id) {
+            let reason = format!("no greeting within {} s", OPENING_LIMIT.as_secs());
+            self.dismiss(peer, Bye::new(ByeCode::Timeout, reason));
+        }
+        for i in 0..self.nodes.len() {
+            let node = NodeIndex(i as u16);
+            let Some(connection) = &self.nodes[i].connection else { continue };
+            if now >= connection.heard + SILENCE_LIMIT {
+                let (peer, reason) = (connection.peer, format!("silent for {} s", SILENCE_LIMIT.as_secs()));
+                self.dismiss(peer, Bye::new(ByeCode::Timeout, reason));
+            } else if now >= connection.said + ALIVE_EVERY {
+                self.send(node, &ToTile::Alive, Kind::Alive, now);
+            }
+        }
+        self.advance(now);
+    }
+
+    /// When [`Master::handle_timeout`] has something to do.
+    pub fn next_timeout(&self) -> Option<Duration> {
+        let unnamed = self.peers.values().filter_map(|p| match p {
+            Peer::Unnamed { deadline } => Some(*deadline),
+            _ => None,
+        });
+        let connected = self.nodes.iter().filter_map(|n| n.connection.as_ref());
+        let connected = connected.map(|c| (c.heard + SILENCE_LIMIT).min(c.said + ALIVE_EVERY));
+        let beat = match self.phase {
+            Phase::Idle { due } => Some(due),
+            Phase::Running => self.barrier.deadline(),
+            Phase::Wanted | Phase::Over => None,
+        };
+        unnamed.chain(connected).chain(beat).min()
+    }
+
+    /// Begins the frame that was wanted, and sends it to every node.
+    ///
+    /// # Panics
+    /// When the number is not the one wanted, or eyes and sets are not one for each view: the shell is wrong.
+    pub fn begin_frame(&mut self, input: &FrameInput<'_>, now: Duration) {
+        assert!(self.phase == Phase::Wanted && input.number == self.next_frame, "frame {} is not wanted", input.number);
+        assert_eq!(input.sets.len(), self.wall.views().len(), "a set for each view");
+        assert_eq!(input.eyes.len(), self.wall.views().len(), "an eye for each view");
+        self.history.push(input);
+        self.next_frame += 1;
+        self.phase = Phase::Running;
+        self.barrier.begin(input.number, now);
+        for node in 0..self.nodes.len() as u16 {
+            self.send_frame(NodeIndex(node), now);
+        }
+        self.advance(now);
+    }
+
+    /// Ends the show early. [`Output::Finished`] follows.
+    pub fn handle_shutdown(&mut self, bye: &Bye) {
+        if self.phase == Phase::Over {
+            return;
+        }
+        self.phase = Phase::Over;
+        while let Some(peer) = self.peers.keys().next().copied() {
+            self.dismiss(peer, bye.clone());
+        }
+        self.outputs.push_back(Output::Finished);
+    }
+
+    /// What to do next, until there is nothing.
+    pub fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// Takes back a message's memory.
+    pub fn recycle(&mut self, buffer: Vec<u8>) {
+        if self.pool.len() < MAX_POOLED {
+            self.pool.push(buffer);
+        }
+    }
+
+    /// How many nodes are connected.
+    pub fn connected(&self) -> usize {
+        self.nodes.iter().filter(|n| n.connection.is_some()).count()
+    }
+
+    /// What a node is to the barrier.
+    pub fn standing(&self, node: NodeIndex) -> Standing {
+        self.barrier.standing(node)
+    }
+
+    /// Bytes of each node's last frame message, by `NodeIndex`; 0 for one that is not connected.
+    pub fn frame_bytes(&self) -> impl ExactSizeIterator<Item = u32> + '_ {
+        self.nodes.iter().map(|n| n.frame_bytes)
+    }
+
+    /// How often each node was passed over, by `NodeIndex`.
+    pub fn times_passed_over(&self) -> impl ExactSizeIterator<Item = u64> + '_ {
+        self.nodes.iter().map(|n| n.passed_over)
+    }
+
+    /// What each node last said of itself, by `NodeIndex`.
+    pub fn stats(&self) -> impl ExactSizeIterator<Item = Stats> + '_ {
+        self.nodes.iter().map(|n| n.stats)
+    }
+
+    /// What the node of a connection is called.
+    pub fn name_of(&self, peer: PeerId) -> Option<&str> {
+        match self.peers.get(&peer)? {
+            Peer::Unnamed { .. } => None,
+            Peer::Node(node) | Peer::Chunks(node) => Some(&self.nodes[usize::from(node.0)].name),
+        }
+    }
+
+    fn greet(&mut self, peer: PeerId, hello: &Hello, now: Duration) {
+        let Some(index) = self.nodes.iter().position(|n| n.name == hello.node) else {
+            let known = self.nodes.iter().take(8).map(|n| n.name.as_str()).collect::<Vec<_>>().join(", ");
+            let more = if self.nodes.len() > 8 { " …" } else { "" };
+            let reason = format!("the wall has no node {:?}; it has {known}{more}", hello.node);
+            return self.dismiss(peer, Bye::new(ByeCode::UnknownNode, reason));
+        };
+        if let Some(old) = &self.nodes[index].connection {
+            let (old_peer, silent) = (old.peer, now.saturating_sub(old.heard));
+            if silent < TAKEOVER_AFTER {
+                let reason = format!("node {:?} is connected and alive", hello.node);
+                return self.dismiss(peer, Bye::new(ByeCode::AlreadyConnected, reason));
+            }
+            self.dismiss(old_peer, Bye::new(ByeCode::Timeout, "silent, and another connection took its name"));
+        }
+        let node = NodeIndex(index as u16);
+        let session = self.new_session();
+        self.peers.insert(peer, Peer::Node(node));
+        let connection = Connection { peer, chunk_peer: None, session, heard: now, said: now, acked: None };
+        self.nodes[index].connection = Some(connection);
+        self.barrier.join(node);
+        let welcome = Welcome {
+            version: PROTOCOL_VERSION,
+            session,
+            node: hello.node.clone(),
+            views: self.nodes[index].views.iter().map(|view| self.view_spec(*view)).collect(),
+            rate_hz: self.wall.rate_hz(),
+            next_frame: self.next_frame,
+        };
+        self.send(node, &ToTile::Welcome(welcome), Kind::Control, now);
+        let manifest = Manifest { epoch: self.epoch, sections: self.options.sections.clone() };
+        self.send(node, &ToTile::Manifest(manifest), Kind::Control, now);
+        self.send_frame(node, now);
+    }
+
+    fn open_chunks(&mut self, peer: PeerId, hello: ChunkHello) {
+        let mut connections = self.nodes.iter_mut().enumerate().filter_map(|(i, n)| Some((i, n.connection.as_mut()?)));
+        let Some((index, connection)) = connections.find(|(_, c)| c.session == hello.session) else {
+            return self.dismiss(peer, Bye::new(ByeCode::UnknownSession, "no node here has that session number"));
+        };
+        let old = connection.chunk_peer.replace(peer);
+        self.peers.insert(peer, Peer::Chunks(NodeIndex(index as u16)));
+        if let Some(old) = old {
+            self.peers.remove(&old);
+            let bye = Bye::new(ByeCode::AlreadyConnected, "a newer chunk connection took its place");
+            self.outputs.push_back(Output::Close { peer: old, bye });
+        }
+        self.outputs.push_back(Output::ServeChunks { peer });
+    }
+
+    fn new_session(&mut self) -> u64 {
+        self.sessions += 1;
+        let mut bytes = [0; 40];
+        bytes[..32].copy_from_slice(&self.options.session_seed);
+        bytes[32..].copy_from_slice(&self.sessions.to_le_bytes());
+        let [a, b, c, d, e, f, g, h, ..] = ChunkHash::of(&bytes).0;
+        u64::from_le_bytes([a, b, c, d, e, f, g, h])
+    }
+
+    fn view_spec(&self, id: ViewId) -> ViewSpec {
+        let view = self.wall.views()[usize::from(id.0)];
+        let tile = self.wall.tile(view.tile);
+        ViewSpec {
+            view: id,
+            tile: view.tile,
+            tile_name: tile.name.clone(),
+            observer: view.observer,
+            eye: view.eye,
+            corners: tile.corners.map(|c| c.to_array()),
+            size_px: tile.size_px,
+            near_m: self.wall.near_m(),
+        }
+    }
+
+    /// Releases the frame that may be released, wants the one that is due.
+    fn advance(&mut self, now: Duration) {
+        if self.phase == Phase::Running
+            && let Some(release) = self.barrier.poll(now)
+        {
+            let mut shown_by = 0;
+            for node in (0..self.nodes.len() as u16).map(NodeIndex) {
+                if self.barrier.is_ready(node) {
+                    shown_by += 1;
+                    self.send(node, &ToTile::Swap { frame: release.number }, Kind::Swap, now);
+                }
+            }
+            for node in &release.passed_over {
+                self.nodes[usize::from(node.0)].passed_over += 1;
+            }
+            let (number, waited, passed_over) = (release.number, release.waited, release.passed_over);
+            self.outputs.push_back(Output::FrameReleased(FrameReleased { number, waited, passed_over, shown_by }));
+            let due = match self.options.pace {
+                Pace::AsFastAsPossible => now,
+                Pace::Every(period) => (self.beat + period).max(now),
+            };
+            self.phase = Phase::Idle { due };
+            if self.options.frames.is_some_and(|frames| self.next_frame >= frames) {
+                self.handle_shutdown(&Bye::new(ByeCode::EndOfShow, "the show is over"));
+            }
+        }
+        if let Phase::Idle { due } = self.phase
+            && due <= now
+        {
+            self.phase = Phase::Wanted;
+            // A shell that comes a little late does not shift the beat; one that comes a beat late does.
+            self.beat = match self.options.pace {
+                Pace::Every(period) if now < due + period => due,
+                _ => now,
+            };
+            self.outputs.push_back(Output::WantFrame { number: self.next_frame });
+        }
+    }
+
+    fn send_frame(&mut self, node: NodeIndex, now: Duration) {
+        if self.history.newest().is_none() {
+            return;
+        }
+        let state = &self.nodes[usize::from(node.0)];
+        let Some(connection) = &state.connection else { return };
+        let mut frame = std::mem::take(&mut self.scratch);
+        self.history.write(&state.views, connection.acked, self.epoch, &mut frame);
+        let mut bytes = self.pool.pop().unwrap_or_default();
+        let result = frame.encode(&mut bytes);
+        self.scratch = frame;
+        self.nodes[usize::from(node.0)].frame_bytes = bytes.len() as u32;
+        self.send_encoded(node, result, Message { kind: Kind::Frame, bytes }, now);
+    }
+
+    fn send(&mut self, node: NodeIndex, message: &ToTile, kind: Kind, now: Duration) {
+        let mut bytes = self.pool.pop().unwrap_or_default();
+        let result = message.encode(&mut bytes);
+        self.send_encoded(node, result, Message { kind, bytes }, now);
+    }
+
+    fn send_encoded(&mut self, node: NodeIndex, result: Result<(), WireError>, message: Message, now: Duration) {
+        let Some(connection) = &mut self.nodes[usize::from(node.0)].connection else { return };
+        let peer = connection.peer;
+        match result {
+            Ok(()) => {
+                connection.said = now;
+                self.outputs.push_back(Output::Send { peer, message });
+            }
+            Err(error) => self.dismiss(peer, Bye::new(ByeCode::Failed, format!("cannot send: {error}"))),
+        }
+    }
+
+    /// Says goodbye and closes.
+    fn dismiss(&mut self, peer: PeerId, bye: Bye) {
+        if !self.peers.contains_key(&peer) {
+            return;
+        }
+        let mut bytes = self.pool.pop().unwrap_or_default();
+        // A chunk connection gets its goodbye as a `ChunkReply`, which has the same bytes.
+        if ToTile::Bye(bye.clone()).encode(&mut bytes).is_ok() {
+            self.outputs.push_back(Output::Send { peer, message: Message { kind: Kind::Bye, bytes } });
+        }
+        self.drop_peer(peer, bye);
+    }
+
+    fn drop_peer(&mut self, peer: PeerId, bye: Bye) {
+        self.forget(peer);
+        self.outputs.push_back(Output::Close { peer, bye });
+    }
+
+    /// Takes a connection off the books, and what hangs on it.
+    fn forget(&mut self, peer: PeerId) {
+        match self.peers.remove(&peer) {
+            Some(Peer::Node(node)) => {
+                let state = &mut self.nodes[usize::from(node.0)];
+                state.frame_bytes = 0;
+                let chunk_peer = state.connection.take().and_then(|c| c.chunk_peer);
+                self.barrier.leave(node);
+                if let Some(chunks) = chunk_peer.filter(|c| self.peers.remove(c).is_some()) {
+                    let bye = Bye::new(ByeCode::Leaving, "the node's control connection ended");
+                    self.outputs.push_back(Output::Close { peer: chunks, bye });
+                }
+            }
+            Some(Peer::Chunks(node)) => {
+                if let Some(connection) = &mut self.nodes[usize::from(node.0)].connection {
+                    connection.chunk_peer = connection.chunk_peer.filter(|c| *c != peer);
+                }
+            }
+            Some(Peer::Unnamed { .. }) | None => {}
+        }
+    }
+}

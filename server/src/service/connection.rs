@@ -1,0 +1,194 @@
+//! One connection: reads what a peer says, writes what waits for it, serves its chunks.
+
+use std::collections::VecDeque;
+use std::io;
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use futures_util::StreamExt;
+use mullion_common::scene::ChunkHash;
+use mullion_common::wire::{
+    ALIVE_EVERY, ChunkReply, LENGTH_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_OPENING_BYTES, MAX_TO_MASTER_BYTES, MAX_WANTED, Piece,
+    SILENCE_LIMIT, Want, WireError,
+};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::sync::{Notify, mpsc, oneshot};
+use tokio::time::timeout;
+use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
+
+use super::blobs::Blobs;
+use super::mailbox::Mailbox;
+use crate::master::PeerId;
+
+/// Bytes of a blob sent at a time. The loop that sends frames waits for about one of these per busy chunk connection.
+const PIECE_BYTES: usize = 64 << 10;
+const _: () = assert!(PIECE_BYTES <= mullion_common::wire::MAX_PIECE_BYTES, "a piece fits its cap");
+
+/// What the master makes of a connection after its first message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Role {
+    Control,
+    Chunks,
+    Refused,
+}
+
+/// From a connection to the master's loop.
+pub(super) enum Event {
+    Opening { peer: PeerId, body: Vec<u8>, role: oneshot::Sender<Role> },
+    Body { peer: PeerId, body: Vec<u8> },
+    Fault { peer: PeerId, error: WireError },
+    Ended { peer: PeerId },
+}
+
+pub(super) struct Connection {
+    pub peer: PeerId,
+    pub mailbox: Arc<Mailbox>,
+    pub events: mpsc::Sender<Event>,
+    pub blobs: Arc<Blobs>,
+    pub chunk_bytes: Arc<AtomicU64>,
+}
+
+type Bodies = FramedRead<OwnedReadHalf, LengthDelimitedCodec>;
+
+impl Connection {
+    /// Serves the connection until either side ends it.
+    pub async fn run(self, stream: TcpStream) {
+        let (reader, writer) = stream.into_split();
+        let mut builder = LengthDelimitedCodec::builder();
+        let builder = builder.little_endian().length_field_length(LENGTH_BYTES).max_frame_length(MAX_OPENING_BYTES);
+        let mut bodies = builder.new_read(reader);
+        let writer = tokio::sync::Mutex::new(writer);
+        tokio::select! {
+            _ = self.write_mail(&writer) => {
+                // A peer that is still writing must not lose our last words to a reset: read on for a moment.
+                let _ = writer.lock().await.shutdown().await; // gone already: nothing to shut
+                let mut reader = bodies.into_inner();
+                let _ = timeout(ALIVE_EVERY, drain(&mut reader)).await; // it had its moment
+            }
+            () = self.listen(&mut bodies, &writer) => {}
+        }
+        let _ = self.events.send(Event::Ended { peer: self.peer }).await; // the loop is gone: nobody to tell
+    }
+
+    /// Returns once the mailbox is closed and empty, or the peer does not take what is sent.
+    async fn write_mail(&self, writer: &tokio::sync::Mutex<OwnedWriteHalf>) -> io::Result<()> {
+        while let Some(message) = self.mailbox.next().await {
+            write_all(&mut *writer.lock().await, &message.bytes).await?;
+            self.mailbox.spent(message.bytes);
+        }
+        Ok(())
+    }
+
+    /// Returns once the peer has ended the connection.
+    async fn listen(&self, bodies: &mut Bodies, writer: &tokio::sync::Mutex<OwnedWriteHalf>) {
+        let Some(body) = self.next_body(bodies, MAX_OPENING_BYTES).await else { return };
+        let (role, decided) = oneshot::channel();
+        if self.events.send(Event::Opening { peer: self.peer, body, role }).await.is_err() {
+            return;
+        }
+        match decided.await {
+            Ok(Role::Control) => {
+                bodies.decoder_mut().set_max_frame_length(MAX_TO_MASTER_BYTES);
+                while let Some(body) = self.next_body(bodies, MAX_TO_MASTER_BYTES).await {
+                    if self.events.send(Event::Body { peer: self.peer, body }).await.is_err() {
+                        return;
+                    }
+                }
+            }
+            Ok(Role::Chunks) => {
+                bodies.decoder_mut().set_max_frame_length(MAX_CHUNK_REQUEST_BYTES);
+                self.serve_chunks(bodies, writer).await;
+            }
+            Ok(Role::Refused) | Err(_) => std::future::pending().await, // the goodbye is being written
+        }
+    }
+
+    /// `None` at the end of the stream. What is no message is reported, and then nothing more is read.
+    async fn next_body(&self, bodies: &mut Bodies, cap: usize) -> Option<Vec<u8>> {
+        match bodies.next().await {
+            Some(Ok(body)) => Some(body.to_vec()),
+            Some(Err(error)) if error.kind() == io::ErrorKind::InvalidData => {
+                // The codec keeps the length to itself.
+                let error = WireError::Limit { what: "bytes of a message", value: cap as u64 + 1, cap: cap as u64 };
+                self.report(error).await
+            }
+            _ => None,
+        }
+    }
+
+    async fn report(&self, error: WireError) -> ! {
+        let _ = self.events.send(Event::Fault { peer: self.peer, error }).await; // the loop is gone: it ends us too
+        std::future::pending().await
+    }
+
+    async fn serve_chunks(&self, bodies: &mut Bodies, writer: &tokio::sync::Mutex<OwnedWriteHalf>) {
+        let wanted = Mutex::new(VecDeque::new());
+        let more = Notify::new();
+        tokio::select! {
+            () = self.read_wants(bodies, &wanted, &more) => {}
+            _ = self.write_pieces(writer, &wanted, &more) => {}
+        }
+    }
+
+    async fn read_wants(&self, bodies: &mut Bodies, wanted: &Mutex<VecDeque<ChunkHash>>, more: &Notify) {
+        while let Some(body) = self.next_body(bodies, MAX_CHUNK_REQUEST_BYTES).await {
+            let added = Want::decode(&body).and_then(|want| {
+                let mut wanted = wanted.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                let open = wanted.len() + want.hashes.len();
+                if open > MAX_WANTED {
+                    return Err(WireError::Limit { what: "wanted blobs", value: open as u64, cap: MAX_WANTED as u64 });
+                }
+                wanted.extend(want.hashes);
+                Ok(())
+            });
+            match added {
+                Ok(()) => more.notify_one(),
+                Err(error) => self.report(error).await,
+            }
+        }
+    }
+
+    async fn write_pieces(
+        &self, writer: &tokio::sync::Mutex<OwnedWriteHalf>, wanted: &Mutex<VecDeque<ChunkHash>>, more: &Notify,
+    ) -> io::Result<()> {
+        let mut buffer = Vec::new();
+        loop {
+            let next = wanted.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop_front();
+            let Some(hash) = next else {
+                more.notified().await;
+                continue;
+            };
+            let Some(blob) = self.blobs.get(hash) else {
+                ChunkReply::Absent { hash }.encode(&mut buffer).map_err(io::Error::other)?;
+                write_all(&mut *writer.lock().await, &buffer).await?;
+                continue;
+            };
+            let mut offset = 0;
+            loop {
+                let bytes = &blob[offset..blob.len().min(offset + PIECE_BYTES)];
+                let piece = Piece { hash, offset: offset as u64, total: blob.len() as u64, bytes };
+                ChunkReply::Piece(piece).encode(&mut buffer).map_err(io::Error::other)?;
+                write_all(&mut *writer.lock().await, &buffer).await?;
+                self.chunk_bytes.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+                tokio::task::yield_now().await; // everyone else's turn: frames, and other nodes' pieces
+                offset += bytes.len();
+                if offset == blob.len() {
+                    break;
+                }
+            }
+        }
+    }
+}
+
+async fn write_all(writer: &mut OwnedWriteHalf, bytes: &[u8]) -> io::Result<()> {
+    let too_slow = || io::Error::new(io::ErrorKind::TimedOut, "the peer does not read");
+    timeout(SILENCE_LIMIT, writer.write_all(bytes)).await.map_err(|_| too_slow())?
+}
+
+async fn drain(reader: &mut OwnedReadHalf) {
+    let mut waste = [0; 4096];
+    while matches!(reader.read(&mut waste).await, Ok(1..)) {}
+}

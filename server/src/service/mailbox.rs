@@ -1,0 +1,65 @@
+//! An [`Outbox`] between the master's loop and the task that writes to one peer.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use tokio::sync::Notify;
+
+use crate::master::{Full, Message, Outbox};
+
+#[derive(Debug, Default)]
+struct Inner {
+    outbox: Outbox,
+    /// Memory of messages that were written, to be used again.
+    spent: Option<Vec<u8>>,
+    is_closed: bool,
+}
+
+#[derive(Debug, Default)]
+pub(super) struct Mailbox {
+    inner: Mutex<Inner>,
+    changed: Notify,
+}
+
+impl Mailbox {
+    /// Queues a message; gives back memory to be used again.
+    pub fn push(&self, message: Message) -> Result<[Option<Vec<u8>>; 2], Full> {
+        let mut inner = self.lock();
+        let replaced = inner.outbox.push(message)?;
+        let spent = inner.spent.take();
+        drop(inner);
+        self.changed.notify_one();
+        Ok([replaced.map(|m| m.bytes), spent])
+    }
+
+    /// What waits is written, then [`Mailbox::next`] ends.
+    pub fn close(&self) {
+        self.lock().is_closed = true;
+        self.changed.notify_one();
+    }
+
+    /// The next message to write; `None` after the last.
+    pub async fn next(&self) -> Option<Message> {
+        loop {
+            {
+                let mut inner = self.lock();
+                if let Some(message) = inner.outbox.pop() {
+                    return Some(message);
+                }
+                if inner.is_closed {
+                    return None;
+                }
+            }
+            self.changed.notified().await;
+        }
+    }
+
+    /// Takes back the memory of a message that was written.
+    pub fn spent(&self, bytes: Vec<u8>) {
+        self.lock().spent = Some(bytes);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        // Nothing that runs under the lock can panic halfway.
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

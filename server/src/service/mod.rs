@@ -1,0 +1,461 @@
+//! The shell around a [`Master`]: sockets, timers, and the show that it runs.
+//!
+//! One loop owns the master; every connection has a task that reads, writes and serves chunks. Nothing between them is
+//! unbounded: events wait in a channel that holds readers back, messages in an [`crate::master::Outbox`].
+
+mod blobs;
+mod connection;
+mod mailbox;
+
+use std::collections::hash_map::RandomState;
+use std::collections::BTreeMap;
+use std::hash::{BuildHasher, Hasher};
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use glam::{DAffine3, DVec3};
+use mullion_common::scene::{Package, PackageError};
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::Wall;
+use mullion_common::wire::{Bye, ByeCode, Moved};
+use thiserror::Error;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio::task::JoinSet;
+
+use crate::master::{FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId};
+use crate::swap_barrier::{BarrierOptions, NodeIndex};
+use blobs::Blobs;
+use connection::{Connection, Event, Role};
+use mailbox::Mailbox;
+
+/// Events that may wait for the master's loop; beyond, connections are not read.
+const MAX_EVENTS: usize = 256;
+/// How long connections may take to be told goodbye at the end.
+const LAST_WORDS: Duration = Duration::from_secs(2);
+/// What the bounded wait gives beyond a frame's time, for the way there and back.
+pub const BARRIER_GRACE: Duration = Duration::from_millis(4);
+
+/// Frames a second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rate {
+    /// As many as the nodes can show.
+    AsFastAsPossible,
+    /// So many, evenly; more than 0.
+    Hz(f64),
+}
+
+/// How a show runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShowOptions {
+    /// Longest wait for live nodes, from the moment a frame began.
+    pub barrier_wait: Duration,
+    /// Longest wait of the first frame for the nodes of `start_nodes`.
+    pub start_wait: Duration,
+    /// Nodes that the first frame waits for.
+    pub start_nodes: Vec<NodeIndex>,
+    /// How many frames; `None`: until it is stopped.
+    pub frames: Option<u64>,
+    /// How many a second.
+    pub rate: Rate,
+}
+
+impl ShowOptions {
+    /// For a wall: its rate, a wait of one frame and a grace, no start gate, no end.
+    pub fn for_wall(wall: &Wall) -> Self {
+        Self {
+            barrier_wait: Duration::from_secs_f64(1.0 / wall.rate_hz()) + BARRIER_GRACE,
+            start_wait: Duration::ZERO,
+            start_nodes: Vec::new(),
+            frames: None,
+            rate: Rate::Hz(wall.rate_hz()),
+        }
+    }
+
+    /// With a first frame that waits so long for every node of the wall.
+    pub fn starting_together(mut self, wall: &Wall, wait: Duration) -> Self {
+        self.start_nodes = (0..wall.nodes().len() as u16).map(NodeIndex).collect();
+        self.start_wait = wait;
+        self
+    }
+}
+
+/// Where everything is in one frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pose {
+    /// Time in the scene, seconds.
+    pub scene_time_s: f64,
+    /// Where the room is in the world.
+    pub world_from_room: DAffine3,
+    /// Where each view's eye is, room space, metres; by `ViewId`.
+    pub eyes: Vec<DVec3>,
+    /// Objects that have another transform than in the frame before.
+    pub moved: Vec<Moved>,
+}
+
+impl Pose {
+    /// The eye that all views share: the middle of their eyes, in the world.
+    pub fn shared_eye(&self) -> DVec3 {
+        let sum: DVec3 = self.eyes.iter().sum();
+        self.world_from_room.transform_point3(sum / self.eyes.len().max(1) as f64)
+    }
+}
+
+/// Where everything is in a frame, by its number.
+pub type Camera = Box<dyn FnMut(u64) -> Pose + Send>;
+/// What every view sees, by `ViewId`. The sets come empty.
+pub type Cull = Box<dyn FnMut(&Pose, &mut [VisibleSet]) + Send>;
+/// Is told of every frame. Must be quick: the wall waits.
+pub type Observer = Box<dyn FnMut(&FrameReport) + Send>;
+
+/// All that a show needs.
+pub struct Show {
+    /// The wall.
+    pub wall: Arc<Wall>,
+    /// The scene.
+    pub package: Arc<Package>,
+    /// How it runs.
+    pub options: ShowOptions,
+    /// Where everything is.
+    pub camera: Camera,
+    /// What is seen.
+    pub cull: Cull,
+    /// Who is told.
+    pub observer: Observer,
+    /// Turns true when the show is to end.
+    pub stop: Option<watch::Receiver<bool>>,
+}
+
+/// What happened in one frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameReport {
+    /// Its number.
+    pub number: u64,
+    /// Time for the cull.
+    pub cull: Duration,
+    /// Time to find the deltas, encode them and queue them.
+    pub encode: Duration,
+    /// Time from the frame's beginning to its release.
+    pub waited: Duration,
+    /// Bytes of each node's frame message, by `NodeIndex`; 0 for nodes that are not connected.
+    pub frame_bytes: Vec<u32>,
+    /// Nodes that held it up and are not waited for any more.
+    pub passed_over: Vec<NodeIndex>,
+    /// Nodes connected.
+    pub connected: u32,
+    /// Nodes that were told to show it.
+    pub shown_by: u32,
+    /// Bytes of blobs sent since the show began.
+    pub chunk_bytes: u64,
+}
+
+/// What happened in a show.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ShowReport {
+    /// Frames released.
+    pub frames: u64,
+    /// How often each node was passed over, by `NodeIndex`.
+    pub passed_over: Vec<u64>,
+    /// Connections that were closed for what they said or did not say.
+    pub refused: u64,
+    /// Bytes of blobs sent.
+    pub chunk_bytes: u64,
+}
+
+/// Why a show could not run.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum ServiceError {
+    #[error("scene: {0}")]
+    Package(#[from] PackageError),
+    #[error("rate: {0} frames a second; it must be more than 0")]
+    Rate(f64),
+    #[error("network: {0}")]
+    Network(#[from] io::Error),
+}
+
+/// Runs a show on a thread of its own making: [`serve`] for callers without a runtime.
+///
+/// # Errors
+/// As [`serve`].
+pub fn run(listener: std::net::TcpListener, show: Show) -> Result<ShowReport, ServiceError> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        listener.set_nonblocking(true)?;
+        serve(TcpListener::from_std(listener)?, show).await
+    })
+}
+
+/// Runs a show until its last frame, or until `stop` turns true. Camera and cull are called from the task that awaits
+/// this; what peers do never ends it.
+///
+/// # Errors
+/// When the scene has no sections for tiles or the rate is none. The network's faults are the peers' and are logged.
+pub async fn serve(listener: TcpListener, show: Show) -> Result<ShowReport, ServiceError> {
+    let pace = match show.options.rate {
+        Rate::AsFastAsPossible => Pace::AsFastAsPossible,
+        Rate::Hz(hz) if hz.is_finite() && hz > 0.0 => Pace::Every(Duration::from_secs_f64(1.0 / hz)),
+        Rate::Hz(hz) => return Err(ServiceError::Rate(hz)),
+    };
+    let (blobs, sections) = Blobs::new(Arc::clone(&show.package))?;
+    let (wait, start_wait) = (show.options.barrier_wait, show.options.start_wait);
+    let barrier = BarrierOptions { wait, start_wait, start_nodes: show.options.start_nodes.clone() };
+    let options = MasterOptions { barrier, pace, frames: show.options.frames, sections, session_seed: random_bytes() };
+    let (events, inbox) = mpsc::channel(MAX_EVENTS);
+    let service = Service {
+        master: Master::new(Arc::clone(&show.wall), options, Duration::ZERO),
+        started: Instant::now(),
+        sets: vec![VisibleSet::default(); show.wall.views().len()],
+        max_connections: MAX_UNNAMED + 2 * show.wall.nodes().len(),
+        links: BTreeMap::new(),
+        tasks: JoinSet::new(),
+        next_peer: 0,
+        events,
+        blobs: Arc::new(blobs),
+        chunk_bytes: Arc::default(),
+        frame: FrameReport::default(),
+        report: ShowReport::default(),
+        is_finished: false,
+        wanted: None,
+        show,
+    };
+    Ok(service.run(listener, inbox).await)
+}
+
+/// Random bytes from the standard library's hash keys, which the system seeds.
+fn random_bytes() -> [u8; 32] {
+    let mut bytes = [0; 32];
+    for (i, word) in bytes.chunks_exact_mut(8).enumerate() {
+        let mut hasher = RandomState::new().build_hasher();
+        hasher.write_usize(i);
+        word.copy_from_slice(&hasher.finish().to_le_bytes());
+    }
+    bytes
+}
+
+/// The loop's side of a connection.
+struct Link {
+    address: SocketAddr,
+    mailbox: Arc<Mailbox>,
+    role: Option<oneshot::Sender<Role>>,
+}
+
+struct Service {
+    master: Master,
+    started: Instant,
+    sets: Vec<VisibleSet>,
+    max_connections: usize,
+    links: BTreeMap<PeerId, Link>,
+    tasks: JoinSet<()>,
+    next_peer: u64,
+    events: mpsc::Sender<Event>,
+    blobs: Arc<Blobs>,
+    chunk_bytes: Arc<AtomicU64>,
+    frame: FrameReport,
+    report: ShowReport,
+    is_finished: bool,
+    wanted: Option<u64>,
+    show: Show,
+}
+
+impl Service {
+    async fn run(mut self, listener: TcpListener, mut inbox: mpsc::Receiver<Event>) -> ShowReport {
+        let mut stop = self.show.stop.take();
+        self.master.handle_timeout(Duration::ZERO);
+        self.act();
+        while !self.is_finished {
+            let next = match (self.wanted, self.master.next_timeout()) {
+                (Some(_), _) => Duration::ZERO,
+                (None, Some(at)) => at.saturating_sub(self.now()),
+                (None, None) => Duration::from_secs(1),
+            };
+            tokio::select! {
+                event = inbox.recv() => {
+                    let more = std::iter::from_fn(|| inbox.try_recv().ok()).take(MAX_EVENTS);
+                    event.into_iter().chain(more).for_each(|event| self.take(event));
+                }
+                accepted = listener.accept() => match accepted {
+                    Ok((stream, address)) => self.accept(stream, address),
+                    Err(error) => {
+                        // Out of descriptors, most often: wait for some to be closed instead of spinning.
+                        tracing::warn!("cannot accept a connection: {error}");
+                        tokio::time::sleep(Duration::from_millis(10)).await;
+                    }
+                },
+                () = tokio::time::sleep(next) => {}
+                () = stopped(&mut stop) => {
+                    self.master.handle_shutdown(&Bye::new(ByeCode::EndOfShow, "the show was stopped"));
+                }
+            }
+            self.master.handle_timeout(self.now());
+            self.act();
+        }
+        drop(listener);
+        let flush = async {
+            while self.tasks.join_next().await.is_some() {}
+        };
+        // Events are not read any more: connections that wait to report end when the inbox does.
+        drop(inbox);
+        if tokio::time::timeout(LAST_WORDS, flush).await.is_err() {
+            tracing::warn!("{} connections did not take their goodbye", self.tasks.len());
+        }
+        self.report.passed_over = self.master.times_passed_over().collect();
+        self.report.chunk_bytes = self.chunk_bytes.load(Ordering::Relaxed);
+        self.report
+    }
+
+    fn now(&self) -> Duration {
+        self.started.elapsed()
+    }
+
+    fn accept(&mut self, stream: TcpStream, address: SocketAddr) {
+        while self.tasks.try_join_next().is_some() {}
+        if self.tasks.len() >= self.max_connections {
+            self.report.refused += 1;
+            return tracing::warn!("{address}: refused: {} connections are open", self.tasks.len());
+        }
+        if let Err(error) = stream.set_nodelay(true) {
+            return tracing::warn!("{address}: {error}");
+        }
+        let peer = PeerId(self.next_peer);
+        self.next_peer += 1;
+        let mailbox = Arc::new(Mailbox::default());
+        self.links.insert(peer, Link { address, mailbox: Arc::clone(&mailbox), role: None });
+        let (events, blobs, chunk_bytes) = (self.events.clone(), Arc::clone(&self.blobs), Arc::clone(&self.chunk_bytes));
+        self.tasks.spawn(Connection { peer, mailbox, events, blobs, chunk_bytes }.run(stream));
+        self.master.handle_connected(peer, self.now());
+    }
+
+    fn take(&mut self, event: Event) {
+        let now = self.now();
+        match event {
+            Event::Opening { peer, body, role } => {
+                if let Some(link) = self.links.get_mut(&peer) {
+                    link.role = Some(role);
+                }
+                self.master.handle_body(peer, &body, now);
+                self.act();
+                // Neither refused nor made a chunk connection: it is a node's control connection.
+                if let Some(link) = self.links.get_mut(&peer)
+                    && let Some(role) = link.role.take()
+                {
+                    tracing::info!("{}: node {:?} joined", link.address, self.master.name_of(peer).unwrap_or_default());
+                    let _ = role.send(Role::Control); // it ended meanwhile
+                }
+            }
+            Event::Body { peer, body } => self.master.handle_body(peer, &body, now),
+            Event::Fault { peer, error } => self.master.handle_fault(peer, &error, now),
+            Event::Ended { peer } => {
+                if let Some(link) = self.links.remove(&peer) {
+                    tracing::info!("{}: connection ended ({})", link.address, self.master.name_of(peer).unwrap_or("unnamed"));
+                    link.mailbox.close();
+                    self.master.handle_disconnected(peer, now);
+                }
+            }
+        }
+    }
+
+    /// Does what the master wants done. Begins one frame at most, so that connections get their turn.
+    fn act(&mut self) {
+        self.put_all();
+        if let Some(number) = self.wanted.take() {
+            self.begin_frame(number);
+            self.put_all();
+        }
+    }
+
+    fn put_all(&mut self) {
+        while let Some(output) = self.master.poll_output() {
+            self.put(output);
+        }
+    }
+
+    fn put(&mut self, output: Output) {
+        match output {
+            Output::Send { peer, message } => {
+                let Some(link) = self.links.get(&peer) else { return };
+                match link.mailbox.push(message) {
+                    Ok(buffers) => buffers.into_iter().flatten().for_each(|buffer| self.master.recycle(buffer)),
+                    Err(_) => {
+                        tracing::warn!("{}: closed: it does not read", link.address);
+                        link.mailbox.close();
+                        self.links.remove(&peer);
+                        self.master.handle_disconnected(peer, self.started.elapsed());
+                    }
+                }
+            }
+            Output::ServeChunks { peer } => {
+                if let Some(role) = self.links.get_mut(&peer).and_then(|link| link.role.take()) {
+                    let _ = role.send(Role::Chunks); // it ended meanwhile
+                }
+            }
+            Output::Close { peer, bye } => {
+                let Some(mut link) = self.links.remove(&peer) else { return };
+                if bye.code != ByeCode::EndOfShow && bye.code != ByeCode::Leaving {
+                    tracing::warn!("{}: closed: {bye}", link.address);
+                    self.report.refused += 1;
+                }
+                if let Some(role) = link.role.take() {
+                    let _ = role.send(Role::Refused); // it ended meanwhile
+                }
+                link.mailbox.close();
+            }
+            Output::FrameReleased(released) => self.report_frame(released),
+            Output::WantFrame { number } => self.wanted = Some(number),
+            Output::Finished => self.is_finished = true,
+        }
+    }
+
+    fn begin_frame(&mut self, number: u64) {
+        if self.is_finished {
+            return;
+        }
+        let pose = (self.show.camera)(number);
+        self.sets.iter_mut().for_each(VisibleSet::clear);
+        let before_cull = Instant::now();
+        (self.show.cull)(&pose, &mut self.sets);
+        self.frame.cull = before_cull.elapsed();
+        let input = FrameInput {
+            number,
+            scene_time_s: pose.scene_time_s,
+            world_from_room: pose.world_from_room,
+            eyes: &pose.eyes,
+            shared_eye: pose.shared_eye(),
+            sets: &self.sets,
+            moved: &pose.moved,
+        };
+        let before_encode = Instant::now();
+        self.master.begin_frame(&input, self.started.elapsed());
+        self.frame.encode = before_encode.elapsed();
+    }
+
+    fn report_frame(&mut self, released: FrameReleased) {
+        self.report.frames += 1;
+        let frame = &mut self.frame;
+        frame.number = released.number;
+        frame.waited = released.waited;
+        frame.passed_over = released.passed_over;
+        frame.shown_by = released.shown_by;
+        frame.connected = self.master.connected() as u32;
+        frame.frame_bytes.clear();
+        frame.frame_bytes.extend(self.master.frame_bytes());
+        frame.chunk_bytes = self.chunk_bytes.load(Ordering::Relaxed);
+        for node in &frame.passed_over {
+            tracing::warn!("frame {}: passed over node {:?}", frame.number, self.show.wall.nodes()[usize::from(node.0)].name);
+        }
+        (self.show.observer)(frame);
+    }
+}
+
+async fn stopped(stop: &mut Option<watch::Receiver<bool>>) {
+    if let Some(receiver) = stop
+        && receiver.wait_for(|stop| *stop).await.is_ok()
+    {
+        *stop = None;
+        return;
+    }
+    std::future::pending().await // without a sender nothing stops the show
+}
