@@ -129,7 +129,7 @@ pub fn pattern(size: u32) -> Vec<u8> {
             (cell * 29 % 256) as u8,
             (cell * 53 % 200) as u8,
             (x * 255 / size) as u8,
-            if cell % 3 == 0 { 40 } else { 255 },
+            if cell.is_multiple_of(3) { 40 } else { 255 },
         ])
     }))
 }
@@ -182,7 +182,7 @@ pub fn clutter(count: u32) -> Scene {
     ];
     let materials = looks.map(|look| scene.material(look));
     for i in 0..count {
-        let mirror = if numbers.next() % 3 == 0 { -1.0 } else { 1.0 };
+        let mirror = if numbers.next().is_multiple_of(3) { -1.0 } else { 1.0 };
         let scale = numbers.vector(0.3, 1.2) * DVec3::new(mirror, 1.0, 1.0);
         let turn = DQuat::from_scaled_axis(numbers.vector(-2.0, 2.0));
         let object = scene.object(DAffine3::from_scale_rotation_translation(scale, turn, numbers.vector(-12.0, 12.0)));
