@@ -1,9 +1,10 @@
 //! Culling changes no pixel, and tiles make one picture.
 
-use glam::{DQuat, DVec3};
+use glam::{DAffine3, DQuat, DVec3};
+use mullion_common::scene::Material;
 use mullion_common::visible_set::VisibleSet;
 
-use crate::fixture::{Look, Numbers, clutter, draw, gpu, renderer};
+use crate::fixture::{Look, Numbers, Scene, clutter, draw, gpu, pattern, plain, rectangle, renderer};
 
 /// A far off-axis look somewhere among the boxes.
 fn random_look(numbers: &mut Numbers) -> Look {
@@ -37,10 +38,22 @@ fn a_tile_of_its_visible_set_is_the_tile_of_all_leaves() {
     assert!(culled > 3000 && drawn > 12 * 1000, "the views must show something and cull something: {culled}, {drawn}");
 }
 
+/// A textured ground that reaches kilometres in all directions, in two triangles that pass through the near plane.
+fn add_ground(scene: &mut Scene) {
+    let mut ground = rectangle([-3000.0, -2000.0], [2000.0, 4000.0]);
+    ground.uvs.iter_mut().flatten().for_each(|v| *v *= 300.0);
+    let texture = Some(scene.texture(pattern(128)));
+    let material = scene.material(Material { texture, double_sided: true, ..plain([1.0; 4]) });
+    let lie_down = DAffine3::from_rotation_translation(DQuat::from_rotation_x(-1.6), DVec3::new(0.0, -3.0, 0.0));
+    let (object, mesh) = (scene.object(lie_down), scene.mesh(&ground));
+    scene.leaf(object, mesh, material);
+}
+
 #[test]
 fn tiles_make_the_picture_of_the_whole_screen() {
     let Some(gpu) = gpu() else { return };
-    let scene = clutter(600);
+    let mut scene = clutter(600);
+    add_ground(&mut scene);
     let mut numbers = Numbers(2);
     for (grid, tile_px) in [([2, 2], [128, 96]), ([3, 2], [85, 97])] {
         let size_px = [grid[0] * tile_px[0], grid[1] * tile_px[1]];
