@@ -147,7 +147,7 @@ impl Arena {
         pending.indices.clear();
         if pending.unsubmitted_bytes > SUBMIT_BYTES {
             pending.unsubmitted_bytes = 0;
-            gpu.queue.submit([]);
+            gpu.submit(None);
         }
     }
 

@@ -1,6 +1,6 @@
 //! Choosing and opening a GPU, and turning its faults into errors.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 
 use thiserror::Error;
 
@@ -54,6 +54,9 @@ pub struct Gpu {
     pub(super) queue: wgpu::Queue,
     /// Whether draws can be taken from a buffer, many at a time.
     pub(super) indirect: bool,
+    /// Read while work is submitted, written while a surface changes: a surface waits for an idle GPU, and gives up
+    /// when other threads keep it busy.
+    submitting: RwLock<()>,
     faults: Arc<Faults>,
 }
 
@@ -82,7 +85,7 @@ impl Gpu {
 
         let indirect = device.features().contains(wgpu::Features::INDIRECT_FIRST_INSTANCE)
             && adapter.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::INDIRECT_EXECUTION);
-        Ok(Arc::new(Self { instance, adapter, device, queue, indirect, faults }))
+        Ok(Arc::new(Self { instance, adapter, device, queue, indirect, submitting: RwLock::new(()), faults }))
     }
 
     /// The GPU, its interface and its driver, as `llvmpipe (LLVM 15.0.6, 256 bits), Vulkan, Mesa 22.3.6`.
@@ -94,6 +97,18 @@ impl Gpu {
             info.backend,
             if info.driver_info.is_empty() { &info.driver } else { &info.driver_info }
         )
+    }
+
+    /// Hands work to the GPU.
+    pub(super) fn submit(&self, commands: Option<wgpu::CommandBuffer>) -> wgpu::SubmissionIndex {
+        let _submitting = self.submitting.read().unwrap_or_else(PoisonError::into_inner);
+        self.queue.submit(commands)
+    }
+
+    /// Gives a surface its size and format.
+    pub(super) fn configure(&self, surface: &wgpu::Surface<'_>, config: &wgpu::SurfaceConfiguration) {
+        let _alone = self.submitting.write().unwrap_or_else(PoisonError::into_inner);
+        surface.configure(&self.device, config);
     }
 
     /// The error that was reported since the last call, if any. A lost GPU stays lost.

@@ -63,7 +63,7 @@ impl Presenter {
         let formats = surface.get_capabilities(&gpu.adapter).formats;
         config.format = formats.iter().copied().find(wgpu::TextureFormat::is_srgb).unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
-        surface.configure(&gpu.device, &config);
+        gpu.configure(&surface, &config);
         let layout = texture_layout(&gpu.device);
         let pipeline = pipeline(&gpu.device, &layout, config.format);
         let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
@@ -77,8 +77,12 @@ impl Presenter {
 
     /// Follows the window's size.
     pub fn resize(&mut self, size_px: [u32; 2]) {
-        [self.config.width, self.config.height] = size_px.map(|edge| edge.max(1));
-        self.surface.configure(&self.gpu.device, &self.config);
+        let size_px = size_px.map(|edge| edge.max(1));
+        if size_px == [self.config.width, self.config.height] {
+            return;
+        }
+        [self.config.width, self.config.height] = size_px;
+        self.gpu.configure(&self.surface, &self.config);
     }
 
     /// Takes a tile's latest picture. It appears with the next [`Presenter::present`].
@@ -96,7 +100,7 @@ impl Presenter {
         let frame = match self.surface.get_current_texture() {
             Current::Success(frame) | Current::Suboptimal(frame) => frame,
             Current::Outdated => {
-                self.surface.configure(&self.gpu.device, &self.config);
+                self.gpu.configure(&self.surface, &self.config);
                 return Ok(self.gpu.check()?);
             }
             Current::Timeout | Current::Occluded | Current::Validation => return Ok(self.gpu.check()?),
@@ -105,7 +109,7 @@ impl Presenter {
         let view = frame.texture.create_view(&wgpu::TextureViewDescriptor::default());
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("present") });
         self.encode(&mut encoder, &view, [frame.texture.width() as f32, frame.texture.height() as f32]);
-        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.submit(Some(encoder.finish()));
         self.gpu.queue.present(frame);
         Ok(self.gpu.check()?)
     }

@@ -61,7 +61,7 @@ fn read_texture(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Vec<u8>, GpuError>
     let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(padded_row), rows_per_image: None };
     let to = wgpu::TexelCopyBufferInfo { buffer: &buffer, layout };
     encoder.copy_texture_to_buffer(texture.as_image_copy(), to, texture.size());
-    let submission = gpu.queue.submit([encoder.finish()]);
+    let submission = gpu.submit(Some(encoder.finish()));
     buffer.map_async(wgpu::MapMode::Read, .., |_| {}); // a failure shows when the range is asked for
     gpu.wait(Some(submission))?;
     let mapped = buffer.get_mapped_range(..).map_err(|e| GpuError::Refused(e.to_string()))?;

@@ -152,7 +152,7 @@ impl Renderer {
     pub fn show(&mut self) -> Result<Vec<Shown>, GpuError> {
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("show") });
         let shown = self.targets.iter_mut().map(|target| target.show(&self.gpu, &mut encoder)).collect();
-        self.last_submission = Some(self.gpu.queue.submit([encoder.finish()]));
+        self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         self.gpu.check()?;
         Ok(shown)
     }
@@ -167,7 +167,7 @@ impl Renderer {
 
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
         self.encode(&self.targets[at], &mut encoder);
-        self.last_submission = Some(self.gpu.queue.submit([encoder.finish()]));
+        self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         Ok(PassResult {
             view: pass.view,
             leaves: self.list.arguments.len() as u32,

@@ -121,10 +121,16 @@ struct App {
 impl App {
     fn open(&self, event_loop: &ActiveEventLoop) -> Result<(Arc<Window>, Presenter), WindowError> {
         let [width, height] = self.options.size_px;
-        let attributes = Window::default_attributes()
-            .with_title(&self.options.title)
-            .with_inner_size(PhysicalSize::new(width, height))
-            .with_fullscreen((self.options.cover == Cover::Screen).then_some(Fullscreen::Borderless(None)));
+        let mut attributes =
+            Window::default_attributes().with_title(&self.options.title).with_inner_size(PhysicalSize::new(width, height));
+        if self.options.cover == Cover::Screen {
+            let screen = event_loop.primary_monitor().or_else(|| event_loop.available_monitors().next());
+            attributes = attributes.with_decorations(false).with_fullscreen(Some(Fullscreen::Borderless(screen.clone())));
+            if let Some(screen) = screen {
+                // Display nodes often run without a window manager, and then nobody grants the wish above.
+                attributes = attributes.with_inner_size(screen.size()).with_position(screen.position());
+            }
+        }
         let window = event_loop.create_window(attributes).map_err(|e| WindowError::Open(e.to_string()))?;
         let window = Arc::new(window);
         let size = window.inner_size();

@@ -48,11 +48,11 @@ struct Vertex {
 
 struct Fragment {
     @builtin(position) @invariant position: vec4f,
-    @location(0) w: f32,
-    @location(1) uv: vec2f,
-    @location(2) color: vec4f,
-    @location(3) @interpolate(flat) material: u32,
-    @location(4) @interpolate(flat) object: u32,
+    // Texture coordinates and w of the clip position.
+    @location(0) uv_w: vec3f,
+    @location(1) color: vec4f,
+    // Index in materials, object id.
+    @location(2) @interpolate(flat) leaf: vec2u,
 }
 
 struct Pixel {
@@ -63,7 +63,7 @@ struct Pixel {
 @vertex
 fn vertex(in: Vertex) -> Fragment {
     let clip = clip_from_local[in.leaf.x] * vec4f(in.position, 1.0);
-    return Fragment(clip, clip.w, in.uv, in.color, in.leaf.y, in.leaf.z);
+    return Fragment(clip, vec3f(in.uv, clip.w), in.color, in.leaf.yz);
 }
 
 // Share of the light that the fragment's triangle sends back.
@@ -71,12 +71,13 @@ fn vertex(in: Vertex) -> Fragment {
 // Over a plane, 1/w = a x + b y + c in ndc. With p the offset from the eye, 1 = (a clip_x + b clip_y + c clip_w)·p,
 // so that the bracket is the plane's normal, turned away from the eye.
 fn light(in: Fragment) -> f32 {
-    let over_w = 1.0 / in.w;
+    let w = in.uv_w.z;
+    let over_w = 1.0 / w;
     let ndc = in.position.xy * view.ndc_per_px + vec2f(-1.0, 1.0);
     let a = dpdx(over_w) / view.ndc_per_px.x;
     let b = dpdy(over_w) / view.ndc_per_px.y;
     let c = over_w - a * ndc.x - b * ndc.y;
-    let away = in.w * (a * view.clip_x.xyz + b * view.clip_y.xyz + c * view.clip_w.xyz);
+    let away = w * (a * view.clip_x.xyz + b * view.clip_y.xyz + c * view.clip_w.xyz);
     let ray = normalize(ndc.x * view.ray_x.xyz + ndc.y * view.ray_y.xyz + view.ray_1.xyz);
     let length_squared = dot(away, away);
     let normal = select(-ray, -away * inverseSqrt(length_squared), length_squared > 0.0);
@@ -85,29 +86,31 @@ fn light(in: Fragment) -> f32 {
 
 // Base colour before light. The level of detail is isotropic, of the larger of the two footprints.
 fn base_color(in: Fragment) -> vec4f {
-    let over_w = 1.0 / in.w;
-    let uv_over_w = in.uv * over_w;
+    let uv = in.uv_w.xy;
+    let w = in.uv_w.z;
+    let over_w = 1.0 / w;
+    let uv_over_w = uv * over_w;
     let size = vec2f(textureDimensions(base_color_texture));
-    let across = (dpdx(uv_over_w) - in.uv * dpdx(over_w)) * in.w * size;
-    let down = (dpdy(uv_over_w) - in.uv * dpdy(over_w)) * in.w * size;
+    let across = (dpdx(uv_over_w) - uv * dpdx(over_w)) * w * size;
+    let down = (dpdy(uv_over_w) - uv * dpdy(over_w)) * w * size;
     let footprint = max(max(dot(across, across), dot(down, down)), LEAST_FOOTPRINT);
-    let texel = textureSampleLevel(base_color_texture, base_color_sampler, in.uv, 0.5 * log2(footprint));
-    return texel * in.color * materials[in.material].base_color;
+    let texel = textureSampleLevel(base_color_texture, base_color_sampler, uv, 0.5 * log2(footprint));
+    return texel * in.color * materials[in.leaf.x].base_color;
 }
 
 @fragment
 fn opaque(in: Fragment) -> Pixel {
-    return Pixel(vec4f(base_color(in).rgb * light(in), 1.0), in.object + 1u);
+    return Pixel(vec4f(base_color(in).rgb * light(in), 1.0), in.leaf.y + 1u);
 }
 
 @fragment
 fn masked(in: Fragment) -> Pixel {
     let color = base_color(in);
     let lit = color.rgb * light(in);
-    if color.a < materials[in.material].alpha_cutoff {
+    if color.a < materials[in.leaf.x].alpha_cutoff {
         discard;
     }
-    return Pixel(vec4f(lit, 1.0), in.object + 1u);
+    return Pixel(vec4f(lit, 1.0), in.leaf.y + 1u);
 }
 
 @fragment

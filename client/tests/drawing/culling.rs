@@ -1,0 +1,83 @@
+//! Culling changes no pixel, and tiles make one picture.
+
+use glam::{DAffine3, DQuat, DVec3};
+use mullion_common::scene::Material;
+use mullion_common::visible_set::VisibleSet;
+
+use crate::fixture::{Look, Numbers, Scene, clutter, draw, gpu, pattern, plain, rectangle, renderer};
+
+/// A far off-axis look somewhere among the boxes.
+fn random_look(numbers: &mut Numbers) -> Look {
+    let eye = numbers.vector(-9.0, 9.0);
+    let turn = DQuat::from_scaled_axis(numbers.vector(-2.5, 2.5));
+    let (left, bottom) = (numbers.between(-3.0, 0.9), numbers.between(-2.0, 0.9));
+    let corner = |x: f64, y: f64| eye + turn * DVec3::new(x, y, -1.0);
+    let corners = [corner(left, bottom), corner(left + 1.1, bottom), corner(left, bottom + 0.7)];
+    Look { eye, corners, size_px: [143, 91] }
+}
+
+#[test]
+fn a_tile_of_its_visible_set_is_the_tile_of_all_leaves() {
+    let Some(gpu) = gpu() else { return };
+    let scene = clutter(600);
+    let mut renderer = renderer(&gpu, &scene, [143, 91]);
+    let mut numbers = Numbers(1);
+    let (mut culled, mut drawn) = (0, 0);
+    for _ in 0..12 {
+        let look = random_look(&mut numbers);
+        let visible = scene.visible(&look.frustum());
+        let all = draw(&mut renderer, &scene, &look, &scene.all());
+        let some = draw(&mut renderer, &scene, &look, &visible);
+        assert!(all.color == some.color && all.ids == some.ids, "eye {}: pictures differ", look.eye);
+        culled += scene.all().len() - visible.len();
+        drawn += some.ids.iter().filter(|&&id| id != 0).count();
+        // Of nothing, nothing.
+        let none = draw(&mut renderer, &scene, &look, &VisibleSet::default());
+        assert!(none.ids.iter().all(|&id| id == 0) && none.color.pixels().all(|p| p == none.color.get_pixel(0, 0)));
+    }
+    assert!(culled > 3000 && drawn > 12 * 1000, "the views must show something and cull something: {culled}, {drawn}");
+}
+
+/// A textured ground that reaches kilometres in all directions, in two triangles that pass through the near plane.
+fn add_ground(scene: &mut Scene) {
+    let mut ground = rectangle([-3000.0, -2000.0], [2000.0, 4000.0]);
+    ground.uvs.iter_mut().flatten().for_each(|v| *v *= 300.0);
+    let texture = Some(scene.texture(pattern(128)));
+    let material = scene.material(Material { texture, double_sided: true, ..plain([1.0; 4]) });
+    let lie_down = DAffine3::from_rotation_translation(DQuat::from_rotation_x(-1.6), DVec3::new(0.0, -3.0, 0.0));
+    let (object, mesh) = (scene.object(lie_down), scene.mesh(&ground));
+    scene.leaf(object, mesh, material);
+}
+
+#[test]
+fn tiles_make_the_picture_of_the_whole_screen() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = clutter(600);
+    add_ground(&mut scene);
+    let mut numbers = Numbers(2);
+    for (grid, tile_px) in [([2, 2], [128, 96]), ([3, 2], [85, 97])] {
+        let size_px = [grid[0] * tile_px[0], grid[1] * tile_px[1]];
+        let (mut whole, mut tiled) = (renderer(&gpu, &scene, size_px), renderer(&gpu, &scene, tile_px));
+        let (mut differing, mut worst_inside) = (0, 0);
+        for _ in 0..4 {
+            let look = Look { size_px, ..random_look(&mut numbers) };
+            let screen = draw(&mut whole, &scene, &look, &scene.all());
+            for (i, tile) in look.tiles(grid).iter().enumerate() {
+                let [column, row] = [i as u32 % grid[0], i as u32 / grid[0]];
+                let picture = draw(&mut tiled, &scene, tile, &scene.visible(&tile.frustum()));
+                for (x, y, pixel) in picture.color.enumerate_pixels() {
+                    let [at_x, at_y] = [column * tile_px[0] + x, row * tile_px[1] + y];
+                    let other = screen.color.get_pixel(at_x, at_y);
+                    let difference = pixel.0.iter().zip(other.0).map(|(a, b)| a.abs_diff(b)).max().unwrap_or(0);
+                    differing += u32::from(difference > 2);
+                    if picture.id(x, y) == screen.id(at_x, at_y) && difference > 2 {
+                        worst_inside = worst_inside.max(difference);
+                    }
+                }
+            }
+        }
+        let pixels = size_px[0] * size_px[1] * 4;
+        println!("{grid:?}: {differing} of {pixels} pixels differ by more than 2, by {worst_inside} within an object");
+        assert!(differing * 1000 <= pixels, "{grid:?}: {differing} of {pixels} pixels differ by more than 2");
+    }
+}

@@ -1,0 +1,7 @@
+//! Drawing on whatever GPU there is, software included. Without one these tests say so and pass.
+
+mod chunks;
+mod culling;
+mod fixture;
+mod looks;
+mod measure;
