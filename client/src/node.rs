@@ -463,7 +463,9 @@ async fn after_the_last_word(half: impl Future<Output = End>) -> End {
 }
 
 async fn write_wants(
-    mut writer: OwnedWriteHalf, mut wanted: mpsc::Receiver<Vec<(ChunkHash, u64)>>, assembly: &Mutex<Assembly>,
+    mut writer: OwnedWriteHalf,
+    mut wanted: mpsc::Receiver<Vec<(ChunkHash, u64)>>,
+    assembly: &Mutex<Assembly>,
 ) -> End {
     let mut buffer = Vec::new();
     while let Some(blobs) = wanted.recv().await {
@@ -506,7 +508,9 @@ fn framed<R: AsyncRead>(reader: R, cap: usize) -> FramedRead<R, LengthDelimitedC
 }
 
 async fn write_message(
-    writer: &mut OwnedWriteHalf, buffer: &mut Vec<u8>, encode: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>,
+    writer: &mut OwnedWriteHalf,
+    buffer: &mut Vec<u8>,
+    encode: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>,
 ) -> io::Result<()> {
     encode(buffer).map_err(io::Error::other)?;
     let too_slow = || io::Error::new(io::ErrorKind::TimedOut, "the master does not read");

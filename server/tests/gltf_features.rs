@@ -1,9 +1,7 @@
 //! Goal: what a valid file says is what the scene holds. Method: small files built here, each feature
 //! compared with values worked out by hand or by a dull reference, on asymmetric data.
 use glam::{DAffine3, DQuat, DVec3, Quat, Vec2, Vec3, vec3};
-use mullion_server::prepare::gltf::{
-    Filter, ImageKind, SourceAlpha, SourceImage, SourceScene, Wrap, load,
-};
+use mullion_server::prepare::gltf::{Filter, ImageKind, SourceAlpha, SourceImage, SourceScene, Wrap, load};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -16,10 +14,7 @@ struct Builder {
 impl Builder {
     fn new() -> Builder {
         let json = json!({ "asset": { "version": "2.0" }, "accessors": [], "bufferViews": [] });
-        Builder {
-            json,
-            bin: Vec::new(),
-        }
+        Builder { json, bin: Vec::new() }
     }
 
     fn push(list: &mut Value, item: Value) -> usize {
@@ -68,9 +63,7 @@ impl Builder {
 }
 
 /// Five corners, no two coordinates alike.
-const CORNERS: [f32; 15] = [
-    0.0, 0.1, 0.2, 1.0, 0.3, 0.4, 1.1, 2.0, 0.5, 0.6, 2.1, 3.0, -1.0, 2.2, 3.1,
-];
+const CORNERS: [f32; 15] = [0.0, 0.1, 0.2, 1.0, 0.3, 0.4, 1.1, 2.0, 0.5, 0.6, 2.1, 3.0, -1.0, 2.2, 3.1];
 
 fn topology(mode: u32, indices: Option<&[u8]>) -> SourceScene {
     let mut file = Builder::new();
@@ -85,11 +78,7 @@ fn topology(mode: u32, indices: Option<&[u8]>) -> SourceScene {
 
 #[test]
 fn every_topology_becomes_a_list() {
-    let list = |mode, indices| {
-        topology(mode, indices).meshes[0].primitives[0]
-            .indices
-            .clone()
-    };
+    let list = |mode, indices| topology(mode, indices).meshes[0].primitives[0].indices.clone();
     assert_eq!(list(4, None), [0, 1, 2]);
     assert_eq!(list(4, Some(&[4, 2, 0, 1, 2, 3])), [4, 2, 0, 1, 2, 3]);
     assert_eq!(list(5, None), [0, 1, 2, 1, 3, 2, 2, 3, 4]);
@@ -100,11 +89,7 @@ fn every_topology_becomes_a_list() {
     for mode in 0..4 {
         let scene = topology(mode, None);
         assert!(scene.meshes[0].primitives.is_empty());
-        assert!(
-            scene.warnings[0].contains("mesh 0 primitive 0"),
-            "{:?}",
-            scene.warnings
-        );
+        assert!(scene.warnings[0].contains("mesh 0 primitive 0"), "{:?}", scene.warnings);
     }
 }
 
@@ -125,32 +110,23 @@ struct Storage {
 fn storage() -> impl Strategy<Value = Storage> {
     let component = prop::sample::select(vec![5120u32, 5121, 5122, 5123, 5126]);
     let sparse_component = prop::sample::select(vec![5121u32, 5123, 5125]);
-    (
-        component,
-        any::<bool>(),
-        0..5usize,
-        0..9usize,
-        0..8usize,
-        1..40usize,
-        sparse_component,
+    (component, any::<bool>(), 0..5usize, 0..9usize, 0..8usize, 1..40usize, sparse_component).prop_flat_map(
+        |(component, normalized, start, offset, gap, count, sparse_component)| {
+            let raw = prop::collection::vec(any::<u8>(), 24 * 12 * 40);
+            let sparse = prop::collection::btree_set(0..count as u32, 0..count.min(6));
+            (raw, sparse).prop_map(move |(raw, sparse)| Storage {
+                component,
+                normalized: normalized && component != 5126,
+                start,
+                offset,
+                gap,
+                count,
+                raw,
+                sparse: sparse.into_iter().collect(),
+                sparse_component,
+            })
+        },
     )
-        .prop_flat_map(
-            |(component, normalized, start, offset, gap, count, sparse_component)| {
-                let raw = prop::collection::vec(any::<u8>(), 24 * 12 * 40);
-                let sparse = prop::collection::btree_set(0..count as u32, 0..count.min(6));
-                (raw, sparse).prop_map(move |(raw, sparse)| Storage {
-                    component,
-                    normalized: normalized && component != 5126,
-                    start,
-                    offset,
-                    gap,
-                    count,
-                    raw,
-                    sparse: sparse.into_iter().collect(),
-                    sparse_component,
-                })
-            },
-        )
 }
 
 fn size_of(component: u32) -> usize {
@@ -170,11 +146,7 @@ fn reference(bytes: &[u8], component: u32, normalized: bool) -> f32 {
         5123 => (f64::from(u16::from_le_bytes([bytes[0], bytes[1]])), 65535.0),
         _ => return f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
     };
-    (if normalized {
-        (value / most).max(-1.0)
-    } else {
-        value
-    }) as f32
+    (if normalized { (value / most).max(-1.0) } else { value }) as f32
 }
 
 proptest! {
@@ -237,26 +209,15 @@ proptest! {
 fn colors_become_unorm8() {
     let mut file = Builder::new();
     let positions = file.floats(&CORNERS[..9], "VEC3");
-    let floats = file.floats(
-        &[0.0, 0.5, 1.0, 2.0, -1.0, f32::NAN, 0.25, 1.0, 0.0],
-        "VEC3",
-    );
-    let shorts: Vec<u8> = [0u16, 65535, 32768, 257]
-        .iter()
-        .cycle()
-        .take(12)
-        .flat_map(|v| v.to_le_bytes())
-        .collect();
+    let floats = file.floats(&[0.0, 0.5, 1.0, 2.0, -1.0, f32::NAN, 0.25, 1.0, 0.0], "VEC3");
+    let shorts: Vec<u8> = [0u16, 65535, 32768, 257].iter().cycle().take(12).flat_map(|v| v.to_le_bytes()).collect();
     let shorts = file.accessor(&shorts, 5123, 3, "VEC4");
     file.json["accessors"][shorts]["normalized"] = json!(true);
     let with = |color: usize| json!({ "attributes": { "POSITION": positions, "COLOR_0": color } });
     file.json["meshes"] = json!([{ "primitives": [with(floats), with(shorts)] }]);
     let scene = file.load();
     let colors = |p: usize| scene.meshes[0].primitives[p].colors.clone().unwrap();
-    assert_eq!(
-        colors(0),
-        [[0, 128, 255, 255], [255, 0, 0, 255], [64, 255, 0, 255]]
-    );
+    assert_eq!(colors(0), [[0, 128, 255, 255], [255, 0, 0, 255], [64, 255, 0, 255]]);
     assert_eq!(colors(1), [[0, 255, 128, 1]; 3]);
 }
 
@@ -267,13 +228,9 @@ fn textures_samplers_and_their_transform() {
     let wrong = file.floats(&[9.0; 6], "VEC2");
     let uvs = file.floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0], "VEC2");
     let mut png = std::io::Cursor::new(Vec::new());
-    image::RgbImage::from_pixel(3, 2, image::Rgb([1, 2, 3]))
-        .write_to(&mut png, image::ImageFormat::Png)
-        .unwrap();
+    image::RgbImage::from_pixel(3, 2, image::Rgb([1, 2, 3])).write_to(&mut png, image::ImageFormat::Png).unwrap();
     let mut jpeg = std::io::Cursor::new(Vec::new());
-    image::RgbImage::from_pixel(5, 4, image::Rgb([1, 2, 3]))
-        .write_to(&mut jpeg, image::ImageFormat::Jpeg)
-        .unwrap();
+    image::RgbImage::from_pixel(5, 4, image::Rgb([1, 2, 3])).write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
     let (png_view, jpeg_view) = (file.view(png.get_ref()), file.view(jpeg.get_ref()));
     file.json["images"] = json!([
         { "bufferView": 99, "mimeType": "image/png" },
@@ -283,7 +240,8 @@ fn textures_samplers_and_their_transform() {
     file.json["samplers"] = json!([{ "wrapS": 33071, "wrapT": 33648, "magFilter": 9728 }]);
     file.json["textures"] = json!([{ "source": 2, "sampler": 0 }, { "source": 1 }]);
     let quarter = std::f64::consts::FRAC_PI_2;
-    let transform = json!({ "KHR_texture_transform": { "offset": [0.5, 0.25], "rotation": quarter, "scale": [2, 3], "texCoord": 1 } });
+    let transform =
+        json!({ "KHR_texture_transform": { "offset": [0.5, 0.25], "rotation": quarter, "scale": [2, 3], "texCoord": 1 } });
     file.json["materials"] = json!([
         { "pbrMetallicRoughness": { "baseColorTexture": { "index": 0, "texCoord": 0, "extensions": transform }, "baseColorFactor": [0.1, 0.2, 0.3, 0.4] },
           "alphaMode": "MASK", "alphaCutoff": 0.3, "doubleSided": true },
@@ -294,56 +252,23 @@ fn textures_samplers_and_their_transform() {
         { "attributes": attributes, "material": 0 }, { "attributes": attributes, "material": 1 }, { "attributes": attributes }
     ] }]);
     let scene = file.load();
-    let [first, second] = &scene.materials[..] else {
-        panic!()
-    };
+    let [first, second] = &scene.materials[..] else { panic!() };
     assert_eq!(first.base_color, [0.1, 0.2, 0.3, 0.4]);
     assert_eq!(first.alpha, SourceAlpha::Mask { cutoff: 0.3 });
     assert!(first.double_sided && !second.double_sided);
     assert_eq!(second.alpha, SourceAlpha::Blend);
     let texture = first.texture.unwrap();
-    assert_eq!(
-        (
-            texture.image,
-            texture.wrap_u,
-            texture.wrap_v,
-            texture.filter
-        ),
-        (0, Wrap::Clamp, Wrap::Mirror, Filter::Nearest)
-    );
+    assert_eq!((texture.image, texture.wrap_u, texture.wrap_v, texture.filter), (0, Wrap::Clamp, Wrap::Mirror, Filter::Nearest));
     assert_eq!(second.texture.unwrap().image, 1);
-    assert!(matches!(
-        scene.images[0],
-        SourceImage::Encoded {
-            mime: ImageKind::Png,
-            width: 3,
-            height: 2,
-            ..
-        }
-    ));
-    assert!(matches!(
-        scene.images[1],
-        SourceImage::Encoded {
-            mime: ImageKind::Jpeg,
-            width: 5,
-            height: 4,
-            ..
-        }
-    ));
+    assert!(matches!(scene.images[0], SourceImage::Encoded { mime: ImageKind::Png, width: 3, height: 2, .. }));
+    assert!(matches!(scene.images[1], SourceImage::Encoded { mime: ImageKind::Jpeg, width: 5, height: 4, .. }));
     // Scaled, then a quarter turn that takes +u to -v, then moved.
     let uvs = scene.meshes[0].primitives[0].uvs.clone().unwrap();
-    let expected = [
-        Vec2::new(0.5, 0.25),
-        Vec2::new(0.5, 0.25 - 2.0),
-        Vec2::new(0.5 + 3.0, 0.25),
-    ];
+    let expected = [Vec2::new(0.5, 0.25), Vec2::new(0.5, 0.25 - 2.0), Vec2::new(0.5 + 3.0, 0.25)];
     for (found, expected) in uvs.iter().zip(expected) {
         assert!(found.abs_diff_eq(expected, 1e-5), "{found} {expected}");
     }
-    assert_eq!(
-        scene.meshes[0].primitives[1].uvs.as_ref().unwrap()[0],
-        Vec2::splat(9.0)
-    );
+    assert_eq!(scene.meshes[0].primitives[1].uvs.as_ref().unwrap()[0], Vec2::splat(9.0));
     assert!(scene.meshes[0].primitives[2].uvs.is_none());
 }
 
@@ -353,11 +278,9 @@ fn morph_targets_rest_at_their_weights() {
     let positions = file.floats(&CORNERS[..9], "VEC3");
     let first = file.floats(&[1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 3.0], "VEC3");
     // The second target is sparse on top of nothing: it moves vertex 2 alone.
-    let (indices, values) = (
-        file.view(&[2]),
-        file.view(&[7f32, 8.0, 9.0].map(f32::to_le_bytes).concat()),
-    );
-    let sparse = json!({ "count": 1, "indices": { "bufferView": indices, "componentType": 5121 }, "values": { "bufferView": values } });
+    let (indices, values) = (file.view(&[2]), file.view(&[7f32, 8.0, 9.0].map(f32::to_le_bytes).concat()));
+    let sparse =
+        json!({ "count": 1, "indices": { "bufferView": indices, "componentType": 5121 }, "values": { "bufferView": values } });
     let second = Builder::push(
         &mut file.json["accessors"],
         json!({ "componentType": 5126, "count": 3, "type": "VEC3", "sparse": sparse }),
@@ -368,28 +291,13 @@ fn morph_targets_rest_at_their_weights() {
     }]);
     file.json["nodes"] = json!([{ "mesh": 0 }, { "mesh": 0, "weights": [0.0, 2.0] }]);
     let scene = file.load();
-    assert_eq!(
-        (scene.nodes[0].mesh, scene.nodes[1].mesh),
-        (Some(0), Some(1))
-    );
+    assert_eq!((scene.nodes[0].mesh, scene.nodes[1].mesh), (Some(0), Some(1)));
     assert_eq!(scene.meshes[1].gltf_mesh, 0);
     let base = |k: usize| Vec3::from_slice(&CORNERS[3 * k..]);
     let at = |mesh: usize| scene.meshes[mesh].primitives[0].positions.clone();
-    assert_eq!(
-        at(0),
-        [
-            base(0) + vec3(0.5, 0.0, 0.0),
-            base(1) + vec3(0.0, 1.0, 0.0),
-            base(2) + vec3(0.0, 0.0, 1.5)
-        ]
-    );
+    assert_eq!(at(0), [base(0) + vec3(0.5, 0.0, 0.0), base(1) + vec3(0.0, 1.0, 0.0), base(2) + vec3(0.0, 0.0, 1.5)]);
     assert_eq!(at(1), [base(0), base(1), base(2) + vec3(14.0, 16.0, 18.0)]);
-    assert!(
-        scene
-            .warnings
-            .iter()
-            .any(|warning| warning.contains("morph"))
-    );
+    assert!(scene.warnings.iter().any(|warning| warning.contains("morph")));
 }
 
 #[test]
@@ -397,20 +305,12 @@ fn skins_rest_where_their_joints_are() {
     let mut file = Builder::new();
     let positions = file.floats(&CORNERS[..9], "VEC3");
     let joints = file.accessor(&[0, 1, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0], 5121, 3, "VEC4");
-    let weights = file.floats(
-        &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.25, 0.75, 0.0, 0.0],
-        "VEC4",
-    );
-    let inverse_binds = [
-        DAffine3::from_translation(DVec3::new(0.0, -1.0, 0.0)),
-        DAffine3::from_scale(DVec3::new(2.0, 1.0, 0.5)),
-    ];
-    let matrices: Vec<f32> = inverse_binds
-        .iter()
-        .flat_map(|m| glam::DMat4::from(*m).as_mat4().to_cols_array())
-        .collect();
+    let weights = file.floats(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.25, 0.75, 0.0, 0.0], "VEC4");
+    let inverse_binds = [DAffine3::from_translation(DVec3::new(0.0, -1.0, 0.0)), DAffine3::from_scale(DVec3::new(2.0, 1.0, 0.5))];
+    let matrices: Vec<f32> = inverse_binds.iter().flat_map(|m| glam::DMat4::from(*m).as_mat4().to_cols_array()).collect();
     let binds = file.floats(&matrices, "MAT4");
-    file.json["meshes"] = json!([{ "primitives": [{ "attributes": { "POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights } }] }]);
+    file.json["meshes"] =
+        json!([{ "primitives": [{ "attributes": { "POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights } }] }]);
     file.json["skins"] = json!([{ "joints": [2, 3], "inverseBindMatrices": binds }]);
     let turn = DQuat::from_rotation_z(0.7);
     file.json["nodes"] = json!([
@@ -421,8 +321,7 @@ fn skins_rest_where_their_joints_are() {
     ]);
     let scene = file.load();
     assert_eq!(scene.nodes[1].mesh, Some(1));
-    let node = DAffine3::from_translation(DVec3::new(5.0, 6.0, 7.0))
-        * DAffine3::from_scale(DVec3::new(2.0, -1.0, 1.0));
+    let node = DAffine3::from_translation(DVec3::new(5.0, 6.0, 7.0)) * DAffine3::from_scale(DVec3::new(2.0, -1.0, 1.0));
     let root = DAffine3::from_translation(DVec3::Y);
     let tip = root * DAffine3::from_rotation_translation(turn, DVec3::new(3.0, 0.0, 0.0));
     let joints = [root * inverse_binds[0], tip * inverse_binds[1]];
@@ -436,12 +335,7 @@ fn skins_rest_where_their_joints_are() {
         let found = node.transform_point3(found.as_dvec3());
         assert!(found.abs_diff_eq(expected, 1e-5), "{found} {expected}");
     }
-    assert!(
-        scene
-            .warnings
-            .iter()
-            .any(|warning| warning.contains("skin"))
-    );
+    assert!(scene.warnings.iter().any(|warning| warning.contains("skin")));
 }
 
 #[test]
@@ -449,41 +343,24 @@ fn instances_from_floats_and_normalized_integers() {
     let mut file = Builder::new();
     let positions = file.floats(&CORNERS[..9], "VEC3");
     let translation = file.floats(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], "VEC3");
-    let rotation: Vec<u8> = [0i16, 0, 0, 32767, 0, 23170, 0, 23170]
-        .iter()
-        .flat_map(|v| v.to_le_bytes())
-        .collect();
+    let rotation: Vec<u8> = [0i16, 0, 0, 32767, 0, 23170, 0, 23170].iter().flat_map(|v| v.to_le_bytes()).collect();
     let rotation = file.accessor(&rotation, 5122, 2, "VEC4");
     file.json["accessors"][rotation]["normalized"] = json!(true);
     let scale = file.floats(&[1.0, 1.0, 1.0, 2.0, 3.0, -4.0], "VEC3");
     file.json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
     file.json["meshes"] = json!([{ "primitives": [{ "attributes": { "POSITION": positions } }] }]);
-    let attributes =
-        json!({ "TRANSLATION": translation, "ROTATION": rotation, "SCALE": scale, "_ID": 77 });
+    let attributes = json!({ "TRANSLATION": translation, "ROTATION": rotation, "SCALE": scale, "_ID": 77 });
     file.json["nodes"] = json!([{ "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": attributes } } }]);
     let scene = file.load();
-    let [first, second] = &scene.nodes[0].instances[..] else {
-        panic!()
-    };
+    let [first, second] = &scene.nodes[0].instances[..] else { panic!() };
     assert!(first.abs_diff_eq(DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0)), 1e-12));
     let turn = Quat::from_rotation_y(std::f32::consts::FRAC_PI_2).as_dquat();
-    let expected = DAffine3::from_scale_rotation_translation(
-        DVec3::new(2.0, 3.0, -4.0),
-        turn,
-        DVec3::new(4.0, 5.0, 6.0),
-    );
+    let expected = DAffine3::from_scale_rotation_translation(DVec3::new(2.0, 3.0, -4.0), turn, DVec3::new(4.0, 5.0, 6.0));
     assert!(second.abs_diff_eq(expected, 1e-5), "{second} {expected}");
 }
 
 /// Adds a view that exists compressed only; the fallback buffer 1 has no data.
-fn compressed(
-    file: &mut Builder,
-    bytes: &[u8],
-    count: usize,
-    stride: usize,
-    mode: &str,
-    filter: &str,
-) -> usize {
+fn compressed(file: &mut Builder, bytes: &[u8], count: usize, stride: usize, mode: &str, filter: &str) -> usize {
     let offset = file.bin.len();
     file.bin.extend_from_slice(bytes);
     let ext = json!({
@@ -500,39 +377,18 @@ fn compressed(
 #[test]
 fn meshopt_views_decode() {
     let mut file = Builder::new();
-    let corners: Vec<[f32; 3]> = CORNERS
-        .chunks_exact(3)
-        .map(|c| [c[0], c[1], c[2]])
-        .collect();
+    let corners: Vec<[f32; 3]> = CORNERS.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
     let positions = meshopt::encode_vertex_buffer(&corners).unwrap();
     let positions = compressed(&mut file, &positions, 5, 12, "ATTRIBUTES", "NONE");
     let exponents = meshopt::encode_filter_exp(&corners, 24, meshopt::EncodeExpMode::Separate);
     let exponents = meshopt::encode_vertex_buffer(&exponents).unwrap();
     let exponents = compressed(&mut file, &exponents, 5, 12, "ATTRIBUTES", "EXPONENTIAL");
-    let normals: Vec<[f32; 4]> = corners
-        .iter()
-        .map(|c| Vec3::from_array(*c).normalize().extend(0.0).to_array())
-        .collect();
-    let octahedral =
-        meshopt::encode_vertex_buffer(&meshopt::encode_filter_oct::<i16>(&normals, 16)).unwrap();
+    let normals: Vec<[f32; 4]> = corners.iter().map(|c| Vec3::from_array(*c).normalize().extend(0.0).to_array()).collect();
+    let octahedral = meshopt::encode_vertex_buffer(&meshopt::encode_filter_oct::<i16>(&normals, 16)).unwrap();
     let octahedral = compressed(&mut file, &octahedral, 5, 8, "ATTRIBUTES", "OCTAHEDRAL");
     let list = [0u32, 1, 2, 2, 1, 3, 4, 0, 3];
-    let triangles = compressed(
-        &mut file,
-        &meshopt::encode_index_buffer(&list, 5).unwrap(),
-        9,
-        2,
-        "TRIANGLES",
-        "NONE",
-    );
-    let sequence = compressed(
-        &mut file,
-        &meshopt::encode_index_sequence(&list, 5).unwrap(),
-        9,
-        4,
-        "INDICES",
-        "NONE",
-    );
+    let triangles = compressed(&mut file, &meshopt::encode_index_buffer(&list, 5).unwrap(), 9, 2, "TRIANGLES", "NONE");
+    let sequence = compressed(&mut file, &meshopt::encode_index_sequence(&list, 5).unwrap(), 9, 4, "INDICES", "NONE");
     file.json["accessors"] = json!([
         { "bufferView": positions, "componentType": 5126, "count": 5, "type": "VEC3" },
         { "bufferView": exponents, "componentType": 5126, "count": 5, "type": "VEC3" },
@@ -554,32 +410,17 @@ fn meshopt_views_decode() {
     std::fs::write(folder.path().join("scene.bin"), &file.bin).unwrap();
     std::fs::write(folder.path().join("scene.gltf"), json.to_string()).unwrap();
     let scene = load(&folder.path().join("scene.gltf"), &|_, _, _| {}).unwrap();
-    let [first, second] = &scene.meshes[0].primitives[..] else {
-        panic!()
-    };
-    assert_eq!(
-        first.positions,
-        corners
-            .iter()
-            .map(|c| Vec3::from_array(*c))
-            .collect::<Vec<_>>()
-    );
+    let [first, second] = &scene.meshes[0].primitives[..] else { panic!() };
+    assert_eq!(first.positions, corners.iter().map(|c| Vec3::from_array(*c)).collect::<Vec<_>>());
     for (found, exact) in second.positions.iter().zip(&corners) {
         assert!(found.abs_diff_eq(Vec3::from_array(*exact), 1e-5));
     }
     for (found, exact) in first.normals.as_ref().unwrap().iter().zip(&normals) {
-        assert!(
-            found.abs_diff_eq(Vec3::from_slice(exact), 1e-3),
-            "{found} {exact:?}"
-        );
+        assert!(found.abs_diff_eq(Vec3::from_slice(exact), 1e-3), "{found} {exact:?}");
     }
     // The triangle codec may rotate a triangle, never turn it over.
     for (found, exact) in first.indices.chunks_exact(3).zip(list.chunks_exact(3)) {
-        let rotations = [
-            [exact[0], exact[1], exact[2]],
-            [exact[1], exact[2], exact[0]],
-            [exact[2], exact[0], exact[1]],
-        ];
+        let rotations = [[exact[0], exact[1], exact[2]], [exact[1], exact[2], exact[0]], [exact[2], exact[0], exact[1]]];
         assert!(rotations.iter().any(|r| r == found), "{found:?} {exact:?}");
     }
     assert_eq!(second.indices, list);
@@ -595,8 +436,5 @@ fn the_default_scene_decides_the_roots() {
     file.json["scene"] = json!(1.0);
     let scene = file.load();
     assert_eq!(scene.roots, [0]);
-    assert_eq!(
-        (scene.nodes[2].parent, scene.nodes[1].name.as_deref()),
-        (Some(1), Some("b"))
-    );
+    assert_eq!((scene.nodes[2].parent, scene.nodes[1].name.as_deref()), (Some(1), Some("b")));
 }

@@ -307,13 +307,8 @@ fn check_extent(scene: &SourceScene, worlds: &[DAffine3]) -> Result<(), Fault> {
     };
     let mut reaches = Vec::with_capacity(scene.meshes.len());
     for mesh in &scene.meshes {
-        let positions = mesh
-            .primitives
-            .iter()
-            .flat_map(|primitive| &primitive.positions);
-        let reach = positions
-            .fold(Vec3::ZERO, |most, position| most.max(position.abs()))
-            .as_dvec3();
+        let positions = mesh.primitives.iter().flat_map(|primitive| &primitive.positions);
+        let reach = positions.fold(Vec3::ZERO, |most, position| most.max(position.abs())).as_dvec3();
         if reach.max_element() > MAX_COORDINATE {
             return Err(cap(format!("mesh {}", mesh.gltf_mesh), reach.max_element()));
         }
@@ -322,11 +317,7 @@ fn check_extent(scene: &SourceScene, worlds: &[DAffine3]) -> Result<(), Fault> {
     for (k, (node, world)) in scene.nodes.iter().zip(worlds).enumerate() {
         let Some(mesh) = node.mesh else { continue };
         let once = [DAffine3::IDENTITY];
-        let instances = if node.instances.is_empty() {
-            &once[..]
-        } else {
-            &node.instances
-        };
+        let instances = if node.instances.is_empty() { &once[..] } else { &node.instances };
         for instance in instances {
             let world = *world * *instance;
             let extent = world.matrix3.abs() * reaches[mesh as usize] + world.translation.abs();

@@ -59,32 +59,16 @@ pub(super) struct Budget {
 
 impl Budget {
     pub fn new(buffer_bytes: u64) -> Budget {
-        let limit = buffer_bytes
-            .saturating_mul(DECODED_BYTES_PER_BUFFER_BYTE)
-            .saturating_add(DECODED_BYTES_FLOOR)
-            .min(MAX_DECODED_BYTES);
-        Budget {
-            left: AtomicU64::new(limit),
-            limit,
-        }
+        let limit =
+            buffer_bytes.saturating_mul(DECODED_BYTES_PER_BUFFER_BYTE).saturating_add(DECODED_BYTES_FLOOR).min(MAX_DECODED_BYTES);
+        Budget { left: AtomicU64::new(limit), limit }
     }
 
     /// Takes `count` elements of `element_bytes`, before memory is taken for them.
-    pub fn take(
-        &self,
-        count: usize,
-        element_bytes: usize,
-        place: impl Fn() -> String,
-    ) -> Result<(), Fault> {
+    pub fn take(&self, count: usize, element_bytes: usize, place: impl Fn() -> String) -> Result<(), Fault> {
         let bytes = (count as u64).checked_mul(element_bytes as u64);
         bytes
-            .and_then(|bytes| {
-                self.left
-                    .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| {
-                        left.checked_sub(bytes)
-                    })
-                    .ok()
-            })
+            .and_then(|bytes| self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(bytes)).ok())
             .map(|_| ())
             .ok_or_else(|| {
                 let reason = "decoding would take more memory than the file's buffers justify";
@@ -95,36 +79,23 @@ impl Budget {
 
 /// Version and extensions. Runs first, so that a file for another reader says so instead of failing on a detail.
 pub(super) fn asset_header(json: &Root, warnings: &mut Vec<String>) -> Result<(), Fault> {
-    let asset = json
-        .asset
-        .as_ref()
-        .ok_or_else(|| Fault::Version("the `asset` object is missing".into()))?;
-    let version = asset
-        .version
-        .as_deref()
-        .ok_or_else(|| Fault::Version("`version` is missing".into()))?;
+    let asset = json.asset.as_ref().ok_or_else(|| Fault::Version("the `asset` object is missing".into()))?;
+    let version = asset.version.as_deref().ok_or_else(|| Fault::Version("`version` is missing".into()))?;
     let parse = |key: &str, text: &str| {
-        parse_version(text)
-            .ok_or_else(|| Fault::Version(format!("{key} {:?} is not `major.minor`", short(text))))
+        parse_version(text).ok_or_else(|| Fault::Version(format!("{key} {:?} is not `major.minor`", short(text))))
     };
     let (major, minor) = parse("version", version)?;
     if major != 2 {
-        return Err(Fault::Version(format!(
-            "version {version}, only 2.x is read"
-        )));
+        return Err(Fault::Version(format!("version {version}, only 2.x is read")));
     }
     match asset.min_version.as_deref() {
         Some(text) => {
             let least = parse("minVersion", text)?;
             if least > (major, minor) {
-                return Err(Fault::Version(format!(
-                    "minVersion {text} is above its own version {version}"
-                )));
+                return Err(Fault::Version(format!("minVersion {text} is above its own version {version}")));
             }
             if least > (2, 0) {
-                return Err(Fault::Version(format!(
-                    "minVersion {text}, only 2.0 is read"
-                )));
+                return Err(Fault::Version(format!("minVersion {text}, only 2.0 is read")));
             }
         }
         None if minor > 0 => warnings.push(format!("asset version {version} is read as 2.0")),
@@ -145,9 +116,7 @@ pub(super) fn asset_header(json: &Root, warnings: &mut Vec<String>) -> Result<()
 
 fn parse_version(text: &str) -> Option<(u32, u32)> {
     let (major, minor) = text.split_once('.')?;
-    let digits = |part: &str| {
-        (!part.is_empty() && part.bytes().all(|b| b.is_ascii_digit())).then(|| part.parse().ok())?
-    };
+    let digits = |part: &str| (!part.is_empty() && part.bytes().all(|b| b.is_ascii_digit())).then(|| part.parse().ok())?;
     Some((digits(major)?, digits(minor)?))
 }
 
@@ -165,18 +134,10 @@ pub(super) fn load_buffers<'a>(
     let mut buffers = Vec::new();
     for (k, buffer) in json.buffers.iter().enumerate() {
         let place = format!("buffer {k}");
-        let length = buffer
-            .byte_length
-            .ok_or_else(|| invalid(&place, "byteLength is missing"))?
-            .0;
+        let length = buffer.byte_length.ok_or_else(|| invalid(&place, "byteLength is missing"))?.0;
         let bytes = match (&buffer.uri, container.bin()) {
             (Some(text), _) => {
-                let bytes = uri::read(
-                    &text.0,
-                    folder,
-                    &place,
-                    MAX_FILE_BYTES.saturating_sub(total),
-                )?;
+                let bytes = uri::read(&text.0, folder, &place, MAX_FILE_BYTES.saturating_sub(total))?;
                 total += bytes.len() as u64;
                 Some(Cow::Owned(bytes))
             }
@@ -185,10 +146,7 @@ pub(super) fn load_buffers<'a>(
         };
         let held = bytes.as_ref().map_or(u64::MAX, |bytes| bytes.len() as u64);
         if length > held {
-            return Err(invalid(
-                place,
-                format_args!("byteLength {length}, but only {held} bytes are there"),
-            ));
+            return Err(invalid(place, format_args!("byteLength {length}, but only {held} bytes are there")));
         }
         buffers.push(bytes);
     }
@@ -196,30 +154,13 @@ pub(super) fn load_buffers<'a>(
 }
 
 impl<'a> Asset<'a> {
-    pub fn new(
-        json: &'a Root<'a>,
-        buffers: &'a [Option<Cow<'a, [u8]>>],
-    ) -> Result<Asset<'a>, Fault> {
-        let held: u64 = buffers
-            .iter()
-            .flatten()
-            .map(|bytes| bytes.len() as u64)
-            .sum();
+    pub fn new(json: &'a Root<'a>, buffers: &'a [Option<Cow<'a, [u8]>>]) -> Result<Asset<'a>, Fault> {
+        let held: u64 = buffers.iter().flatten().map(|bytes| bytes.len() as u64).sum();
         let budget = Budget::new(held);
-        let views = (0..json.buffer_views.len())
-            .map(|k| view(json, buffers, k, &budget))
-            .collect::<Result<Vec<_>, _>>()?;
-        let quantized = json
-            .extensions_used
-            .iter()
-            .chain(json.extensions_required.iter())
-            .any(|name| name == "KHR_mesh_quantization");
-        let asset = Asset {
-            json,
-            views,
-            budget,
-            quantized,
-        };
+        let views = (0..json.buffer_views.len()).map(|k| view(json, buffers, k, &budget)).collect::<Result<Vec<_>, _>>()?;
+        let quantized =
+            json.extensions_used.iter().chain(json.extensions_required.iter()).any(|name| name == "KHR_mesh_quantization");
+        let asset = Asset { json, views, budget, quantized };
         for k in 0..json.accessors.len() {
             Accessor::resolve(&asset, k as u64, format_args!("accessor {k}"))?;
         }
@@ -227,57 +168,32 @@ impl<'a> Asset<'a> {
     }
 }
 
-fn view<'a>(
-    json: &'a Root,
-    buffers: &'a [Option<Cow<'a, [u8]>>],
-    k: usize,
-    budget: &Budget,
-) -> Result<View<'a>, Fault> {
+fn view<'a>(json: &'a Root, buffers: &'a [Option<Cow<'a, [u8]>>], k: usize, budget: &Budget) -> Result<View<'a>, Fault> {
     let raw = &json.buffer_views[k];
     let place = format!("bufferView {k}");
-    let buffer = raw
-        .buffer
-        .ok_or_else(|| invalid(&place, "buffer is missing"))?;
-    let length = raw
-        .byte_length
-        .ok_or_else(|| invalid(&place, "byteLength is missing"))?
-        .0;
+    let buffer = raw.buffer.ok_or_else(|| invalid(&place, "buffer is missing"))?;
+    let length = raw.byte_length.ok_or_else(|| invalid(&place, "byteLength is missing"))?.0;
     let offset = raw.byte_offset.0;
     let (b, declared) = resolve(&json.buffers, buffer.0, "buffer", &place)?;
     let declared = declared.byte_length.unwrap_or_default().0;
     if offset.checked_add(length).is_none_or(|end| end > declared) {
-        return Err(invalid(
-            place,
-            format_args!("bytes {offset} + {length} lie past the {declared} bytes of buffer {b}"),
-        ));
+        return Err(invalid(place, format_args!("bytes {offset} + {length} lie past the {declared} bytes of buffer {b}")));
     }
     let byte_stride = match raw.byte_stride {
         Some(stride) if stride.0 == 0 || stride.0 > 252 => {
             // 4 to 252 by the specification; small odd strides are read as they stand.
-            return Err(invalid(
-                place,
-                format_args!("byteStride {}, allowed are 4 to 252", stride.0),
-            ));
+            return Err(invalid(place, format_args!("byteStride {}, allowed are 4 to 252", stride.0)));
         }
         Some(stride) => Some(stride.0 as usize),
         None => None,
     };
     let compressed = raw.extensions.as_ref().and_then(|e| e.meshopt.as_ref());
     let bytes = match (compressed, &buffers[b]) {
-        (Some(compressed), _) => ViewBytes::Here(Cow::Owned(meshopt::decode(
-            compressed, buffers, length, &place, budget,
-        )?)),
+        (Some(compressed), _) => ViewBytes::Here(Cow::Owned(meshopt::decode(compressed, buffers, length, &place, budget)?)),
         // In range: `offset + length <= declared <= bytes.len()`.
-        (None, Some(bytes)) => ViewBytes::Here(Cow::Borrowed(
-            &bytes[offset as usize..(offset + length) as usize],
-        )),
+        (None, Some(bytes)) => ViewBytes::Here(Cow::Borrowed(&bytes[offset as usize..(offset + length) as usize])),
         (None, None) => ViewBytes::Absent,
     };
-    let byte_length = usize::try_from(length)
-        .map_err(|_| invalid(&place, "byteLength is beyond this machine"))?;
-    Ok(View {
-        bytes,
-        byte_length,
-        byte_stride,
-    })
+    let byte_length = usize::try_from(length).map_err(|_| invalid(&place, "byteLength is beyond this machine"))?;
+    Ok(View { bytes, byte_length, byte_stride })
 }
