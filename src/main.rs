@@ -6,6 +6,7 @@ mod composite;
 mod files;
 mod pixels;
 mod progress;
+mod show;
 
 use std::process::ExitCode;
 
@@ -21,6 +22,12 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Show a wall on this machine: master and tiles over real sockets, and a picture of the result.
+    Demo(commands::demo::Options),
+    /// Drive a wall: cull, stream and keep the tiles in step.
+    Serve(commands::serve::Options),
+    /// Be one node of a wall: draw its tiles.
+    Tile(commands::tile::Options),
     /// Write one of the papers' scenes as a GLB file.
     Generate(commands::generate::Options),
     /// Turn a glTF or GLB scene into a package.
@@ -46,6 +53,9 @@ fn main() -> ExitCode {
         .with_target(false)
         .init();
     let result = match Arguments::parse().command {
+        Command::Demo(options) => commands::demo::run(&options),
+        Command::Serve(options) => commands::serve::run(&options),
+        Command::Tile(options) => commands::tile::run(&options),
         Command::Generate(options) => commands::generate::run(&options),
         Command::Prepare(options) => commands::prepare::run(&options),
         Command::Info(options) => commands::info::run(&options),

@@ -1,6 +1,14 @@
-//! Mullion's tile.
+//! Mullion's tile: receives what it can see, draws it, and shows it when all tiles do.
+//!
+//! ```text
+//! node ──→ tile_session   what the master says, as orders to a painter
+//!   └────→ gpu_painter ──→ frame   what to draw, as plain data
+//!              └─────────→ gpu     drawn
+//! ```
+
 pub mod frame;
 pub mod gpu;
+pub mod gpu_painter;
 pub mod node;
 pub mod output;
 pub mod residency;

@@ -1,7 +1,10 @@
 //! One file a command: its options, and thin glue over the crates.
 
 pub mod cull;
+pub mod demo;
 pub mod generate;
 pub mod info;
 pub mod prepare;
+pub mod serve;
+pub mod tile;
 pub mod verify;

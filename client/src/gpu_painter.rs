@@ -1,0 +1,166 @@
+//! Paints a node's tiles with the GPU: the session's orders in, pictures out.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec3;
+use image::RgbaImage;
+use mullion_common::scene::{ChunkId, SceneManifest};
+use mullion_common::wall::Projection;
+use mullion_common::wire::{Moved, ViewSpec};
+
+use crate::frame::{FrameInput, Planner, ViewInput};
+use crate::gpu::{Attachments, Gpu, GpuError, Renderer, ViewTarget};
+use crate::node::{PaintError, Painter};
+use crate::output::headless::write_png;
+use crate::output::window::WindowFeed;
+use crate::tile_session::{DrawStats, FrameToDraw};
+
+/// Where shown pictures go.
+#[derive(Clone, Debug)]
+pub enum Output {
+    /// Nowhere: whoever owns the painter asks for them.
+    Keep,
+    /// A PNG file for each tile, named by it, written anew every so many frames shown (0: only when asked).
+    #[allow(missing_docs)]
+    Folder { folder: PathBuf, every: u64 },
+    /// A window.
+    Window(WindowFeed),
+}
+
+/// A painter that draws with wgpu.
+pub struct GpuPainter {
+    gpu: Arc<Gpu>,
+    output: Output,
+    scene: Option<OpenScene>,
+    planner: Planner,
+    shown: u64,
+}
+
+struct OpenScene {
+    manifest: Arc<SceneManifest>,
+    views: Vec<ViewSpec>,
+    renderer: Renderer,
+}
+
+impl GpuPainter {
+    /// A painter without a scene.
+    pub fn new(gpu: Arc<Gpu>, output: Output) -> Self {
+        Self { gpu, output, scene: None, planner: Planner::new(), shown: 0 }
+    }
+
+    /// What each tile shows, by name; none before the first frame was shown.
+    ///
+    /// # Errors
+    /// When the GPU fails.
+    pub fn pictures(&self) -> Result<Vec<(String, RgbaImage)>, GpuError> {
+        let mut pictures = Vec::new();
+        for scene in &self.scene {
+            for spec in &scene.views {
+                if let Some(picture) = scene.renderer.read_shown(spec.view)? {
+                    pictures.push((spec.tile_name.clone(), picture));
+                }
+            }
+        }
+        Ok(pictures)
+    }
+
+    /// Writes what each tile shows to its file; nothing where the output is no folder.
+    ///
+    /// # Errors
+    /// When the GPU or the file system fails.
+    pub fn write_pictures(&self) -> Result<(), PaintError> {
+        let Output::Folder { folder, .. } = &self.output else { return Ok(()) };
+        for (tile, picture) in self.pictures().map_err(failed)? {
+            write_png(&folder.join(format!("{tile}.png")), &picture).map_err(failed)?;
+        }
+        Ok(())
+    }
+
+    fn scene(&mut self) -> Result<&mut OpenScene, PaintError> {
+        self.scene.as_mut().ok_or_else(|| PaintError::Failed("an order before there is a scene".to_owned()))
+    }
+}
+
+fn failed(error: impl std::fmt::Display) -> PaintError {
+    PaintError::Failed(error.to_string())
+}
+
+impl Painter for GpuPainter {
+    fn open_scene(&mut self, manifest: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError> {
+        let targets: Vec<ViewTarget> = views.iter().map(|v| ViewTarget { view: v.view, size_px: v.size_px }).collect();
+        let renderer =
+            Renderer::new(Arc::clone(&self.gpu), Arc::clone(manifest), &targets, Attachments::Color).map_err(failed)?;
+        self.scene = Some(OpenScene { manifest: Arc::clone(manifest), views: views.to_vec(), renderer });
+        Ok(())
+    }
+
+    fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<(), PaintError> {
+        self.scene()?.renderer.upload(chunk, bytes).map(|_| ()).map_err(failed)
+    }
+
+    fn set_transform(&mut self, moved: &Moved) -> Result<(), PaintError> {
+        self.scene()?.renderer.set_transform(moved.object, moved.transform);
+        Ok(())
+    }
+
+    fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
+        let start = Instant::now();
+        let Some(OpenScene { manifest, views, renderer }) = &mut self.scene else {
+            return Err(PaintError::Failed("a frame before there is a scene".to_owned()));
+        };
+        let inputs: Vec<ViewInput<'_>> = views
+            .iter()
+            .zip(&frame.views)
+            .map(|(spec, view)| ViewInput {
+                view: spec.view,
+                projection: Projection::through_rectangle(
+                    view.eye,
+                    spec.corners.map(DVec3::from),
+                    spec.near_m,
+                    &frame.world_from_room,
+                ),
+                visible: &view.leaves,
+            })
+            .collect();
+        let resident = |chunk| renderer.is_resident(chunk);
+        let input = FrameInput {
+            views: &inputs,
+            shared_eye: frame.shared_eye,
+            manifest,
+            transforms: renderer.transforms(),
+            resident: &resident,
+        };
+        let mut stats = DrawStats::default();
+        let mut round = Some(self.planner.begin(input));
+        while let Some(plan) = round {
+            let results = renderer.draw(plan).map_err(failed)?;
+            for pass in &results.passes {
+                stats.leaves += pass.leaves;
+                stats.triangles += pass.triangles;
+            }
+            round = self.planner.feed(&results);
+        }
+        // Ready means that the picture is there, not that it was ordered.
+        renderer.wait().map_err(failed)?;
+        stats.draw_us = u32::try_from(start.elapsed().as_micros()).unwrap_or(u32::MAX);
+        Ok(stats)
+    }
+
+    fn show(&mut self, _frame: u64) -> Result<(), PaintError> {
+        let shown = self.scene()?.renderer.show().map_err(failed)?;
+        self.shown += 1;
+        match &self.output {
+            Output::Keep => {}
+            Output::Folder { every, .. } if *every > 0 && self.shown.is_multiple_of(*every) => self.write_pictures()?,
+            Output::Folder { .. } => {}
+            Output::Window(feed) => {
+                for picture in shown {
+                    feed.show(picture).map_err(|_| PaintError::Closed)?;
+                }
+            }
+        }
+        Ok(())
+    }
+}

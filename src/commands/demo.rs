@@ -1,0 +1,228 @@
+//! `mullion demo`: a master and all tiles of a wall on this machine, over real sockets.
+
+use std::fs;
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow};
+use image::RgbaImage;
+use mullion_client::gpu::{Gpu, GpuOptions, TileRect};
+use mullion_client::gpu_painter::{GpuPainter, Output};
+use mullion_client::node::{self, NodeError, NodeOptions, NodeReport, Reconnect};
+use mullion_client::output::headless::write_png;
+use mullion_client::output::window::{Cover, Display, WindowOptions};
+use mullion_common::scene::Package;
+use mullion_common::wall::{Wall, WallConfig};
+use mullion_server::cull::Algorithm;
+use mullion_server::generate::{GeneratedScene, write_glb};
+use mullion_server::service::{self, Rate, Show, ShowOptions, ShowReport};
+use tokio::sync::watch;
+
+use super::prepare::HowToPrepare;
+use crate::camera::Orbit;
+use crate::composite::WallLayout;
+use crate::files::{open_scene, open_wall, write_json};
+use crate::pixels::Grid;
+use crate::progress::Progress;
+use crate::show::{self, Record};
+
+/// Which wall, which scene, and where pictures go.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Columns and rows of the wall.
+    #[arg(long, default_value = "4x4", value_parser = Grid::parse, conflicts_with = "wall")]
+    grid: Grid,
+    /// A wall file instead of a grid.
+    #[arg(long, value_name = "FILE")]
+    wall: Option<PathBuf>,
+    /// A glTF, GLB or package file, or the name of a generated scene: city.
+    #[arg(long, value_name = "FILE|NAME", default_value = "city")]
+    scene: String,
+    /// Length of the camera's walk.
+    #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    frames: u64,
+    /// Folder for wall.png, tiles/*.png and report.json.
+    #[arg(long, value_name = "DIR", default_value = "demo")]
+    out: PathBuf,
+    /// Show the wall in a window, too.
+    #[arg(long)]
+    window: bool,
+    /// adaptive, oh or naive.
+    #[arg(long, default_value = "adaptive")]
+    algorithm: Algorithm,
+    #[command(flatten)]
+    how: HowToPrepare,
+}
+
+/// Software rendering may take long: a demo shows every frame on every tile.
+const BARRIER_WAIT: Duration = Duration::from_secs(20);
+const START_WAIT: Duration = Duration::from_secs(60);
+const TILE_PX: [u32; 2] = [320, 180];
+const TILE_M: [f64; 2] = [1.024, 0.576];
+const BEZEL_PX: u32 = 4;
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    let wall = Arc::new(options.wall.as_deref().map_or_else(|| grid_wall(options.grid), open_wall)?);
+    fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
+    let scene = scene_file(&options.scene, &options.out)?;
+    let package = Arc::new(open_scene(&scene, &options.how.options()?)?);
+    let display = options.window.then(Display::open).transpose()?;
+    let gpu = Gpu::open(GpuOptions { display: display.as_ref().map(Display::handle) })?;
+    println!("{} tiles on {}", wall.tiles().len(), gpu.describe());
+
+    let record = Record::new(&wall);
+    let (stop, stopped) = watch::channel(false);
+    let listener = TcpListener::bind(("127.0.0.1", 0)).context("cannot listen on the loopback")?;
+    let address = listener.local_addr()?.to_string();
+    let started = Instant::now();
+    let master = start_master(listener, options, &wall, &package, &record, stopped.clone());
+    let feed = display.as_ref().map(Display::feed);
+    let nodes: Vec<NodeThread> = wall
+        .nodes()
+        .iter()
+        .map(|node| {
+            let output = feed.clone().map_or(Output::Keep, Output::Window);
+            let painter = GpuPainter::new(Arc::clone(&gpu), output);
+            start_node(node.name.clone(), address.clone(), painter, stop.clone(), stopped.clone())
+        })
+        .collect();
+    let finish = move || -> Result<(ShowReport, Vec<NodeOutcome>)> {
+        let show = master.join().map_err(|_| anyhow!("the master's thread ended unexpectedly"))??;
+        let outcomes = nodes.into_iter().map(|n| n.join().map_err(|_| anyhow!("a node's thread ended unexpectedly")));
+        Ok((show, outcomes.collect::<Result<_>>()?))
+    };
+    let (show_report, outcomes) = match display {
+        None => finish()?,
+        Some(display) => {
+            let feed = display.feed();
+            let finisher = std::thread::spawn(move || {
+                let result = finish();
+                feed.close();
+                result
+            });
+            display.run(Arc::clone(&gpu), window_options(&wall))?;
+            stop.send_replace(true);
+            finisher.join().map_err(|_| anyhow!("the show's thread ended unexpectedly"))??
+        }
+    };
+    let summary = record.summary(&options.scene, &wall, &package, &show_report);
+    let mut pictures = Vec::new();
+    for (painter, result) in outcomes {
+        result?;
+        pictures.extend(painter.pictures()?);
+    }
+    write_pictures(&options.out, &wall, pictures)?;
+    write_json(&summary, &options.out.join("report.json"))?;
+    summary.print();
+    println!("took           {:.1} s", started.elapsed().as_secs_f64());
+    println!("wrote          {}", options.out.join("wall.png").display());
+    Ok(())
+}
+
+fn grid_wall(grid: Grid) -> Result<Wall> {
+    let bezel_m = [0, 1].map(|axis| TILE_M[axis] / f64::from(TILE_PX[axis]) * f64::from(BEZEL_PX));
+    let text = format!(
+        "name = \"demo-{columns}x{rows}\"\n[grid]\ncolumns = {columns}\nrows = {rows}\ntile_px = {TILE_PX:?}\ntile_m = {TILE_M:?}\nbezel_m = {bezel_m:?}\n",
+        columns = grid.columns,
+        rows = grid.rows,
+    );
+    WallConfig::parse(&text).map_err(|e| anyhow!("{e}"))
+}
+
+/// The file that was named, or that of a generated scene, which is written beside the pictures.
+fn scene_file(scene: &str, out: &Path) -> Result<PathBuf> {
+    match scene.parse::<GeneratedScene>() {
+        Ok(generated) if !Path::new(scene).exists() => {
+            let path = out.join(format!("{scene}.glb"));
+            write_glb(generated, 1, &path)?;
+            Ok(path)
+        }
+        _ => Ok(PathBuf::from(scene)),
+    }
+}
+
+fn start_master(
+    listener: TcpListener,
+    options: &Options,
+    wall: &Arc<Wall>,
+    package: &Arc<Package>,
+    record: &Record,
+    stopped: watch::Receiver<bool>,
+) -> JoinHandle<Result<ShowReport, service::ServiceError>> {
+    let frames = options.frames;
+    let (progress, noted) = (Progress::new(), record.clone());
+    let show = Show {
+        wall: Arc::clone(wall),
+        package: Arc::clone(package),
+        options: ShowOptions {
+            barrier_wait: BARRIER_WAIT,
+            frames: Some(frames),
+            rate: Rate::AsFastAsPossible,
+            ..ShowOptions::for_wall(wall).starting_together(wall, START_WAIT)
+        },
+        camera: show::camera(Orbit::new(package, wall, frames), wall),
+        cull: record.culler(options.algorithm, wall, package),
+        observer: Box::new(move |frame| {
+            progress.show("frames", frame.number + 1, frames);
+            noted.note(frame);
+            if frame.number + 1 == frames {
+                progress.finish();
+            }
+        }),
+        stop: Some(stopped),
+    };
+    std::thread::spawn(move || service::run(listener, show))
+}
+
+type NodeOutcome = (GpuPainter, Result<NodeReport, NodeError>);
+type NodeThread = JoinHandle<NodeOutcome>;
+
+/// A node that fails ends the whole demo.
+fn start_node(
+    name: String,
+    master: String,
+    mut painter: GpuPainter,
+    stop: watch::Sender<bool>,
+    stopped: watch::Receiver<bool>,
+) -> NodeThread {
+    let reconnect = Reconnect { give_up_after: Some(START_WAIT), ..Reconnect::default() };
+    let options = NodeOptions { master, node: name, credentials: None, reconnect, stop: Some(stopped) };
+    std::thread::spawn(move || {
+        let result = node::run(options, &mut painter);
+        if result.is_err() {
+            stop.send_replace(true);
+        }
+        (painter, result)
+    })
+}
+
+fn window_options(wall: &Wall) -> WindowOptions {
+    let layout = WallLayout::new(wall);
+    let tiles = wall.views().iter().zip(0..).map(|(view, id)| {
+        let rect = layout.tiles[usize::from(view.tile.0)];
+        let [x, y, w, h] = [rect.x, rect.y, rect.width, rect.height].map(|v| v as f32);
+        TileRect { view: mullion_common::wall::ViewId(id), x, y, w, h }
+    });
+    WindowOptions {
+        title: format!("Mullion: {}", wall.name()),
+        size_px: layout.size_px,
+        cover: Cover::Window,
+        tiles: tiles.collect(),
+    }
+}
+
+fn write_pictures(out: &Path, wall: &Wall, pictures: Vec<(String, RgbaImage)>) -> Result<()> {
+    let mut by_tile: Vec<Option<RgbaImage>> = vec![None; wall.tiles().len()];
+    for (name, picture) in pictures {
+        write_png(&out.join("tiles").join(format!("{name}.png")), &picture)?;
+        if let Some(tile) = wall.tile_named(&name) {
+            by_tile[usize::from(tile.0)] = Some(picture);
+        }
+    }
+    write_png(&out.join("wall.png"), &WallLayout::new(wall).compose(&by_tile))?;
+    Ok(())
+}

@@ -1,0 +1,115 @@
+//! `mullion serve`.
+
+use std::net::{SocketAddr, TcpListener};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::{Context, Result, ensure};
+use mullion_server::cull::Algorithm;
+use mullion_server::service::{self, FrameReport, Rate, Show, ShowOptions};
+
+use super::prepare::HowToPrepare;
+use crate::camera::Orbit;
+use crate::files::{open_scene, open_wall, write_json};
+use crate::progress::Progress;
+use crate::show::{self, Record};
+
+/// Port that masters listen on and tiles look for.
+pub const DEFAULT_PORT: u16 = 7467;
+
+/// Which wall shows which scene, and how.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Wall file.
+    wall: PathBuf,
+    /// Package, glTF or GLB file.
+    scene: PathBuf,
+    /// Address to listen on. Whoever reaches it can fetch the scene: leave it on the loopback, or keep the wall on a network
+    /// of its own.
+    #[arg(long, value_name = "ADDRESS", default_value_t = SocketAddr::from(([127, 0, 0, 1], DEFAULT_PORT)))]
+    listen: SocketAddr,
+    /// End after so many frames; go on until stopped if left out.
+    #[arg(long)]
+    frames: Option<u64>,
+    /// Frames a second; the wall file's if left out, 0 for as many as the tiles can show.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+    /// Hold the first frame until every node is there, but no longer than so many seconds.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    wait: f64,
+    /// How long a frame waits for a tile that was ready for the last one, milliseconds; a frame's time and 4 ms if left out.
+    #[arg(long, value_name = "MS")]
+    barrier: Option<f64>,
+    /// adaptive, oh or naive.
+    #[arg(long, default_value = "adaptive")]
+    algorithm: Algorithm,
+    /// Write what happened when the show has ended (JSON; `-` for standard output).
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    how: HowToPrepare,
+}
+
+/// Frames after which the camera's walk begins anew.
+const WALK_FRAMES: u64 = 1200;
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    let wall = Arc::new(open_wall(&options.wall)?);
+    let rate_hz = options.rate.unwrap_or(wall.rate_hz());
+    ensure!((0.0..=1000.0).contains(&rate_hz), "--rate: {rate_hz} is outside 0 to 1000 frames a second");
+    ensure!((0.0..=86_400.0).contains(&options.wait), "--wait: {} is outside 0 to 86400 s", options.wait);
+    let barrier_ms = options.barrier.unwrap_or(1000.0 / rate_hz.clamp(1.0, 1000.0) + 4.0);
+    ensure!((0.1..=60_000.0).contains(&barrier_ms), "--barrier: {barrier_ms} is outside 0.1 to 60000 ms");
+    let package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
+    let listener = TcpListener::bind(options.listen).with_context(|| format!("cannot listen on {}", options.listen))?;
+    let address = listener.local_addr()?;
+    if !address.ip().is_loopback() {
+        eprintln!("warning: {address} takes any node that knows a name of the wall: keep it on a network of its own");
+    }
+    println!("serving {} to wall {} on {address}", options.scene.display(), wall.name());
+    println!("start a tile with:  mullion tile {} --master {address}", wall.nodes()[0].name);
+
+    let mut show_options = ShowOptions::for_wall(&wall);
+    if options.wait > 0.0 {
+        show_options = show_options.starting_together(&wall, Duration::from_secs_f64(options.wait));
+    }
+    show_options.frames = options.frames;
+    show_options.rate = if rate_hz == 0.0 { Rate::AsFastAsPossible } else { Rate::Hz(rate_hz) };
+    show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);
+
+    let walk = Orbit::new(&package, &wall, options.frames.unwrap_or(WALK_FRAMES));
+    let progress = Progress::new();
+    let node_names: Vec<String> = wall.nodes().iter().map(|n| n.name.clone()).collect();
+    let record = Record::new(&wall);
+    let noted = record.clone();
+    let total = options.frames;
+    let observer = move |frame: &FrameReport| {
+        for node in &frame.passed_over {
+            progress.line(&format!(
+                "frame {}: {} was not ready, its picture stays",
+                frame.number,
+                node_names[usize::from(node.0)]
+            ));
+        }
+        progress.show("showing", frame.number + 1, total.unwrap_or(frame.number + 1));
+        noted.note(frame);
+    };
+    let stop = show::stop_on_interrupt()?;
+    let report = service::run(
+        listener,
+        Show {
+            camera: show::camera(walk, &wall),
+            cull: record.culler(options.algorithm, &wall, &package),
+            observer: Box::new(observer),
+            stop: Some(stop),
+            options: show_options,
+            wall: Arc::clone(&wall),
+            package: Arc::clone(&package),
+        },
+    )?;
+    let summary = record.summary(&options.scene.display().to_string(), &wall, &package, &report);
+    summary.print();
+    options.report.as_ref().map_or(Ok(()), |path| write_json(&summary, path))
+}

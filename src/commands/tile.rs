@@ -1,0 +1,114 @@
+//! `mullion tile`.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::{Result, anyhow, ensure};
+use mullion_client::gpu::{Gpu, GpuOptions, TileRect};
+use mullion_client::gpu_painter::{GpuPainter, Output};
+use mullion_client::node::{self, NodeOptions, NodeReport, Reconnect};
+use mullion_client::output::window::{Cover, Display, WindowOptions};
+use mullion_common::wall::ViewId;
+
+use super::serve::DEFAULT_PORT;
+use crate::show::stop_on_interrupt;
+
+/// Which node to be, of which master, and where pictures go.
+#[derive(clap::Args)]
+pub struct Options {
+    /// The node's name in the wall file; a tile that no node drives is a node of its own name.
+    name: String,
+    /// Host and port of the master; the port may be left out.
+    #[arg(long, value_name = "HOST[:PORT]", default_value = "127.0.0.1")]
+    master: String,
+    /// Show no window; write each tile's picture into this folder when the show ends.
+    #[arg(long, value_name = "DIR", conflicts_with = "fullscreen")]
+    headless: Option<PathBuf>,
+    /// Write the pictures every so many frames as well.
+    #[arg(long, value_name = "FRAMES", default_value_t = 0, requires = "headless")]
+    every: u64,
+    /// Cover the whole screen.
+    #[arg(long)]
+    fullscreen: bool,
+    /// End when the master has been out of reach for so many seconds; try for ever if left out.
+    #[arg(long, value_name = "SECONDS")]
+    give_up_after: Option<f64>,
+}
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    let seconds = options.give_up_after;
+    ensure!(seconds.is_none_or(|s| (0.0..=1e9).contains(&s)), "--give-up-after: not a number of seconds");
+    let reconnect = Reconnect { give_up_after: seconds.map(Duration::from_secs_f64), ..Reconnect::default() };
+    let node_options = NodeOptions {
+        master: with_port(&options.master),
+        node: options.name.clone(),
+        credentials: None,
+        reconnect,
+        stop: Some(stop_on_interrupt()?),
+    };
+    let report = match &options.headless {
+        Some(folder) => {
+            let gpu = Gpu::open(GpuOptions::default())?;
+            let mut painter = GpuPainter::new(gpu, Output::Folder { folder: folder.clone(), every: options.every });
+            let report = node::run(node_options, &mut painter)?;
+            painter.write_pictures().map_err(|e| anyhow!("{e}"))?;
+            report
+        }
+        None => run_in_window(options, node_options)?,
+    };
+    println!("{}: {} frames drawn, {} shown, {} bytes of scene", options.name, report.drawn, report.shown, report.blob_bytes);
+    Ok(())
+}
+
+/// The window has the main thread; the node runs beside it.
+fn run_in_window(options: &Options, node_options: NodeOptions) -> Result<NodeReport> {
+    let display = Display::open()?;
+    let gpu = Gpu::open(GpuOptions { display: Some(display.handle()) })?;
+    let feed = display.feed();
+    let mut painter = GpuPainter::new(Arc::clone(&gpu), Output::Window(feed.clone()));
+    let cover = if options.fullscreen { Cover::Screen } else { Cover::Window };
+    let title = format!("Mullion {}", options.name);
+    let node_thread = std::thread::spawn(move || {
+        let result = node::run(node_options, &mut painter);
+        feed.close();
+        result
+    });
+    const START_PX: [u32; 2] = [960, 540];
+    // The node learns its views from the master; the window lays them out as they come.
+    display.run(gpu, WindowOptions { title, size_px: START_PX, cover, tiles: Vec::<TileRect>::new() })?;
+    let _: Option<ViewId> = None;
+    node_thread.join().map_err(|_| anyhow!("the node's thread ended unexpectedly"))?.map_err(Into::into)
+}
+
+fn with_port(master: &str) -> String {
+    let has_port = master
+        .rsplit_once(':')
+        .is_some_and(|(host, port)| port.parse::<u16>().is_ok() && (!host.contains(':') || host.ends_with(']')));
+    match (has_port, master.contains(':') && !master.starts_with('[')) {
+        (true, _) => master.to_owned(),
+        (false, true) => format!("[{master}]:{DEFAULT_PORT}"),
+        (false, false) => format!("{master}:{DEFAULT_PORT}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::with_port;
+
+    #[test]
+    fn the_port_may_be_left_out() {
+        let cases = [
+            ("wall-master", "wall-master:7467"),
+            ("wall-master:80", "wall-master:80"),
+            ("10.0.0.1", "10.0.0.1:7467"),
+            ("::1", "[::1]:7467"),
+            ("[::1]", "[::1]:7467"),
+            ("[::1]:80", "[::1]:80"),
+        ];
+        for (given, wanted) in cases {
+            assert_eq!(with_port(given), wanted);
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! What `demo` and `serve` share: the parts of a show, and what is written down of it.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use mullion_common::scene::Package;
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::Wall;
+use mullion_server::cull::{Algorithm, Culler};
+use mullion_server::service::{Camera, Cull, FrameReport, Pose, ShowReport};
+use serde::Serialize;
+use tokio::sync::watch;
+
+use crate::camera::Orbit;
+
+/// Frames whose times are kept for medians: the last ones.
+const FRAMES_KEPT: usize = 10_000;
+
+/// A camera that walks, with the wall's own eyes.
+pub fn camera(walk: Orbit, wall: &Wall) -> Camera {
+    let eyes = wall.default_eyes();
+    let rate_hz = wall.rate_hz();
+    Box::new(move |frame| Pose {
+        scene_time_s: frame as f64 / rate_hz,
+        world_from_room: walk.pose(frame),
+        eyes: eyes.clone(),
+        moved: Vec::new(),
+    })
+}
+
+/// Turns true when the user presses Ctrl-C; pressed again, the process ends at once.
+pub fn stop_on_interrupt() -> Result<watch::Receiver<bool>> {
+    const INTERRUPTED: i32 = 130;
+    let (stop, stopped) = watch::channel(false);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot wait for signals")?;
+    std::thread::spawn(move || {
+        runtime.block_on(async move {
+            if tokio::signal::ctrl_c().await.is_ok() {
+                stop.send_replace(true);
+                let _ = tokio::signal::ctrl_c().await;
+                std::process::exit(INTERRUPTED);
+            }
+            std::future::pending::<()>().await;
+        });
+    });
+    Ok(stopped)
+}
+
+/// What is written down while a show runs.
+#[derive(Clone)]
+pub struct Record(Arc<Mutex<Data>>);
+
+struct Data {
+    last_frame: Option<Instant>,
+    cull_us: VecDeque<f64>,
+    frame_ms: VecDeque<f64>,
+    frames: u64,
+    /// By `NodeIndex`.
+    frame_bytes: Vec<u64>,
+    /// The last frame's, by `ViewId`.
+    sets: Vec<VisibleSet>,
+    /// Leaves seen by each view, summed over the frames.
+    leaves_seen: Vec<u64>,
+}
+
+impl Record {
+    /// An empty record.
+    pub fn new(wall: &Wall) -> Self {
+        Self(Arc::new(Mutex::new(Data {
+            last_frame: None,
+            cull_us: VecDeque::new(),
+            frame_ms: VecDeque::new(),
+            frames: 0,
+            frame_bytes: vec![0; wall.nodes().len()],
+            sets: vec![VisibleSet::default(); wall.views().len()],
+            leaves_seen: vec![0; wall.views().len()],
+        })))
+    }
+
+    /// Culls, and writes down what each view sees.
+    pub fn culler(&self, algorithm: Algorithm, wall: &Arc<Wall>, package: &Arc<Package>) -> Cull {
+        let (record, wall, package) = (self.clone(), Arc::clone(wall), Arc::clone(package));
+        let mut culler = Culler::new(algorithm, &wall);
+        Box::new(move |pose, sets| {
+            culler.cull(&package.scene.hierarchy, &wall, &pose.eyes, &pose.world_from_room, sets);
+            let mut data = record.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let Data { sets: last, leaves_seen, .. } = &mut *data;
+            for ((set, last), seen) in sets.iter().zip(last).zip(leaves_seen) {
+                last.clone_from(set);
+                *seen += u64::from(set.len());
+            }
+        })
+    }
+
+    /// Writes down a frame.
+    pub fn note(&self, frame: &FrameReport) {
+        let mut data = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        let frame_ms = data.last_frame.replace(now).map(|last| (now - last).as_secs_f64() * 1e3);
+        frame_ms.into_iter().for_each(|ms| keep(&mut data.frame_ms, ms));
+        keep(&mut data.cull_us, frame.cull.as_secs_f64() * 1e6);
+        data.frames += 1;
+        for (sum, bytes) in data.frame_bytes.iter_mut().zip(&frame.frame_bytes) {
+            *sum += u64::from(*bytes);
+        }
+    }
+
+    /// All of it.
+    pub fn summary(&self, scene: &str, wall: &Wall, package: &Package, report: &ShowReport) -> Summary {
+        let data = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let leaves = &package.scene.manifest.leaves;
+        let triangles = |leaf: u32| u64::from(leaves[leaf as usize].triangle_count);
+        let tiles = wall.tiles().iter().enumerate().map(|(index, tile)| {
+            let views = wall.views().iter().enumerate().filter(|(_, v)| usize::from(v.tile.0) == index).map(|(i, _)| i);
+            let node = wall.nodes().iter().position(|n| n.tiles.iter().any(|t| usize::from(t.0) == index));
+            let all = leaves.len() as u64 * data.frames * views.clone().count() as u64;
+            let seen: u64 = views.clone().map(|v| data.leaves_seen[v]).sum();
+            TileSummary {
+                tile: tile.name.clone(),
+                node: node.map_or_else(String::new, |n| wall.nodes()[n].name.clone()),
+                visible_leaves: views.clone().map(|v| data.sets[v].len()).sum(),
+                visible_triangles: views.flat_map(|v| data.sets[v].leaves()).map(triangles).sum(),
+                culled_percent: if all == 0 { 0.0 } else { 100.0 - 100.0 * seen as f64 / all as f64 },
+                frame_bytes: node.map_or(0, |n| data.frame_bytes[n]),
+                passed_over: node.and_then(|n| report.passed_over.get(n).copied()).unwrap_or(0),
+            }
+        });
+        Summary {
+            scene: scene.to_owned(),
+            wall: wall.name().to_owned(),
+            objects: package.scene.objects.len() as u64,
+            leaves: leaves.len() as u64,
+            triangles: (0..leaves.len() as u32).map(triangles).sum(),
+            frames: report.frames,
+            cull_us: Spread::of(&data.cull_us),
+            frame_ms: Spread::of(&data.frame_ms),
+            frame_bytes: data.frame_bytes.iter().sum(),
+            chunk_bytes: report.chunk_bytes,
+            connections_refused: report.refused,
+            tiles: tiles.collect(),
+        }
+    }
+}
+
+fn keep(values: &mut VecDeque<f64>, value: f64) {
+    if values.len() == FRAMES_KEPT {
+        values.pop_front();
+    }
+    values.push_back(value);
+}
+
+/// Median, 99th percentile and greatest of some values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Spread {
+    pub median: f64,
+    pub p99: f64,
+    pub max: f64,
+}
+
+impl Spread {
+    fn of(values: &VecDeque<f64>) -> Self {
+        let mut sorted: Vec<f64> = values.iter().copied().collect();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| sorted.get(((sorted.len().max(1) - 1) as f64 * share).ceil() as usize).copied().unwrap_or(0.0);
+        Self { median: at(0.5), p99: at(0.99), max: at(1.0) }
+    }
+}
+
+/// What happened in a show.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    pub scene: String,
+    pub wall: String,
+    pub objects: u64,
+    pub leaves: u64,
+    /// With instances.
+    pub triangles: u64,
+    pub frames: u64,
+    /// All tiles together, microseconds a frame.
+    pub cull_us: Spread,
+    /// From one frame's release to the next.
+    pub frame_ms: Spread,
+    /// Of all frame messages.
+    pub frame_bytes: u64,
+    /// Of geometry, textures and tables.
+    pub chunk_bytes: u64,
+    /// Connections closed for what they said or did not say.
+    pub connections_refused: u64,
+    pub tiles: Vec<TileSummary>,
+}
+
+/// What one tile saw.
+#[derive(Clone, Debug, Serialize)]
+pub struct TileSummary {
+    pub tile: String,
+    pub node: String,
+    /// In the last frame.
+    pub visible_leaves: u32,
+    /// In the last frame.
+    pub visible_triangles: u64,
+    /// Share of leaves left out, mean over the frames.
+    pub culled_percent: f64,
+    /// Of all frame messages to the tile's node.
+    pub frame_bytes: u64,
+    /// Frames that went on without the tile's node.
+    pub passed_over: u64,
+}
+
+impl Summary {
+    /// Prints it as a table.
+    pub fn print(&self) {
+        println!(
+            "{} on {}: {} objects, {} leaves, {} triangles",
+            self.scene, self.wall, self.objects, self.leaves, self.triangles
+        );
+        println!(
+            "{:>14} {:>9} {:>11} {:>8} {:>12} {:>11}",
+            "tile", "leaves", "triangles", "culled", "frame bytes", "passed over"
+        );
+        for t in &self.tiles {
+            println!(
+                "{:>14} {:9} {:11} {:7.1}% {:12} {:11}",
+                t.tile, t.visible_leaves, t.visible_triangles, t.culled_percent, t.frame_bytes, t.passed_over
+            );
+        }
+        let (cull, frame) = (self.cull_us, self.frame_ms);
+        println!("frames         {}", self.frames);
+        println!("cull           {:.0} µs median, {:.0} µs p99, for all tiles together", cull.median, cull.p99);
+        println!("frame          {:.1} ms median, {:.1} ms p99", frame.median, frame.p99);
+        println!("sent           {} bytes of frames, {} bytes of scene", self.frame_bytes, self.chunk_bytes);
+    }
+}
