@@ -162,3 +162,44 @@ fn every_face_of_a_box_is_lit_and_none_like_its_neighbours() {
     shades.dedup_by(|a, b| a.abs_diff(*b) <= 4); // the head light varies a little over a face
     assert!((3..=12).contains(&shades.len()), "three faces, each with its own light: {shades:?}");
 }
+
+/// The shader's light, in `f64` from the plane itself.
+fn light(normal: DVec3, towards_eye: DVec3) -> f64 {
+    let towards_sun = DVec3::new(0.3521, 0.8049, 0.4778);
+    0.25 + 0.45 * normal.dot(towards_sun).max(0.0) + 0.30 * normal.dot(towards_eye).max(0.0)
+}
+
+fn encode_srgb(linear: f64) -> f64 {
+    255.0 * if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+#[test]
+fn light_is_that_of_the_plane_from_both_sides_and_far_off_axis() {
+    let Some(gpu) = gpu() else { return };
+    let eye = DVec3::new(500.3, -20.2, 7_000.7);
+    let corner = |x: f64, y: f64| eye + DVec3::new(x, y, -1.0);
+    let size_px = [101, 67];
+    let look = Look { eye, corners: [corner(0.4, -1.3), corner(2.1, -1.3), corner(0.4, -0.2)], size_px };
+    for (tilt, turn) in [(0.0, 0.0), (0.7, 0.3), (-1.2, 0.4), (0.5, 2.6), (-2.9, -0.3)] {
+        let rotation = glam::DQuat::from_rotation_y(turn) * glam::DQuat::from_rotation_x(tilt);
+        let mut scene = Scene::default();
+        let object = scene.object(DAffine3::from_rotation_translation(rotation, eye + DVec3::new(5.0, -3.0, -4.0)));
+        let mesh = scene.mesh(&rectangle([-9.0, -7.0], [8.0, 9.0]));
+        let gray = scene.material(Material { double_sided: true, ..plain([0.5, 0.5, 0.5, 1.0]) });
+        scene.leaf(object, mesh, gray);
+        let picture = draw_all(&gpu, &scene, &look);
+        let front = rotation * DVec3::Z;
+        let normal = if front.dot(DVec3::new(-5.0, 3.0, 4.0)) > 0.0 { front } else { -front };
+        let mut seen = 0;
+        for (x, y, pixel) in picture.color.enumerate_pixels().filter(|(x, y, _)| picture.id(*x, *y) == 1) {
+            let across = 0.4 + 1.7 * (f64::from(x) + 0.5) / f64::from(size_px[0]);
+            let up = -0.2 - 1.1 * (f64::from(y) + 0.5) / f64::from(size_px[1]);
+            let towards_eye = -DVec3::new(across, up, -1.0).normalize();
+            let wanted = encode_srgb(0.5 * light(normal, towards_eye));
+            let found = f64::from(pixel.0[1]);
+            assert!((found - wanted).abs() < 0.8, "tilt {tilt}, turn {turn}, at {x}, {y}: {found}, wanted {wanted:.2}");
+            seen += 1;
+        }
+        assert!(seen > 500, "tilt {tilt}, turn {turn}: {seen} pixels");
+    }
+}
