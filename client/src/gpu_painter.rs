@@ -11,7 +11,7 @@ use mullion_common::wall::Projection;
 use mullion_common::wire::{Moved, ViewSpec};
 
 use crate::frame::{FrameInput, Planner, ViewInput};
-use crate::gpu::{Attachments, Gpu, GpuError, Renderer, ViewTarget};
+use crate::gpu::{Attachments, Gpu, GpuError, Renderer, TileRect, ViewTarget};
 use crate::node::{PaintError, Painter};
 use crate::output::headless::write_png;
 use crate::output::window::WindowFeed;
@@ -25,8 +25,10 @@ pub enum Output {
     /// A PNG file for each tile, named by it, written anew every so many frames shown (0: only when asked).
     #[allow(missing_docs)]
     Folder { folder: PathBuf, every: u64 },
-    /// A window.
+    /// A window that others have laid out.
     Window(WindowFeed),
+    /// A window of the node's own: its tiles in a row, in the order in which the wall names them.
+    OwnWindow(WindowFeed),
 }
 
 /// A painter that draws with wgpu.
@@ -56,11 +58,10 @@ impl GpuPainter {
     /// When the GPU fails.
     pub fn pictures(&self) -> Result<Vec<(String, RgbaImage)>, GpuError> {
         let mut pictures = Vec::new();
-        for scene in &self.scene {
-            for spec in &scene.views {
-                if let Some(picture) = scene.renderer.read_shown(spec.view)? {
-                    pictures.push((spec.tile_name.clone(), picture));
-                }
+        let Some(scene) = &self.scene else { return Ok(pictures) };
+        for spec in &scene.views {
+            if let Some(picture) = scene.renderer.read_shown(spec.view)? {
+                pictures.push((spec.tile_name.clone(), picture));
             }
         }
         Ok(pictures)
@@ -83,6 +84,18 @@ impl GpuPainter {
     }
 }
 
+/// Tiles side by side.
+fn row_of_tiles(views: &[ViewSpec]) -> Vec<TileRect> {
+    let mut left = 0.0;
+    let place = |spec: &ViewSpec| {
+        let [w, h] = spec.size_px.map(|edge| edge as f32);
+        let rect = TileRect { view: spec.view, x: left, y: 0.0, w, h };
+        left += w;
+        rect
+    };
+    views.iter().map(place).collect()
+}
+
 fn failed(error: impl std::fmt::Display) -> PaintError {
     PaintError::Failed(error.to_string())
 }
@@ -92,6 +105,9 @@ impl Painter for GpuPainter {
         let targets: Vec<ViewTarget> = views.iter().map(|v| ViewTarget { view: v.view, size_px: v.size_px }).collect();
         let renderer =
             Renderer::new(Arc::clone(&self.gpu), Arc::clone(manifest), &targets, Attachments::Color).map_err(failed)?;
+        if let Output::OwnWindow(feed) = &self.output {
+            feed.lay_out(row_of_tiles(views)).map_err(|_| PaintError::Closed)?;
+        }
         self.scene = Some(OpenScene { manifest: Arc::clone(manifest), views: views.to_vec(), renderer });
         Ok(())
     }
@@ -155,7 +171,7 @@ impl Painter for GpuPainter {
             Output::Keep => {}
             Output::Folder { every, .. } if *every > 0 && self.shown.is_multiple_of(*every) => self.write_pictures()?,
             Output::Folder { .. } => {}
-            Output::Window(feed) => {
+            Output::Window(feed) | Output::OwnWindow(feed) => {
                 for picture in shown {
                     feed.show(picture).map_err(|_| PaintError::Closed)?;
                 }

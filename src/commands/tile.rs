@@ -5,11 +5,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Result, anyhow, ensure};
-use mullion_client::gpu::{Gpu, GpuOptions, TileRect};
+use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::node::{self, NodeOptions, NodeReport, Reconnect};
 use mullion_client::output::window::{Cover, Display, WindowOptions};
-use mullion_common::wall::ViewId;
 
 use super::serve::DEFAULT_PORT;
 use crate::show::stop_on_interrupt;
@@ -67,7 +66,7 @@ fn run_in_window(options: &Options, node_options: NodeOptions) -> Result<NodeRep
     let display = Display::open()?;
     let gpu = Gpu::open(GpuOptions { display: Some(display.handle()) })?;
     let feed = display.feed();
-    let mut painter = GpuPainter::new(Arc::clone(&gpu), Output::Window(feed.clone()));
+    let mut painter = GpuPainter::new(Arc::clone(&gpu), Output::OwnWindow(feed.clone()));
     let cover = if options.fullscreen { Cover::Screen } else { Cover::Window };
     let title = format!("Mullion {}", options.name);
     let node_thread = std::thread::spawn(move || {
@@ -77,8 +76,7 @@ fn run_in_window(options: &Options, node_options: NodeOptions) -> Result<NodeRep
     });
     const START_PX: [u32; 2] = [960, 540];
     // The node learns its views from the master; the window lays them out as they come.
-    display.run(gpu, WindowOptions { title, size_px: START_PX, cover, tiles: Vec::<TileRect>::new() })?;
-    let _: Option<ViewId> = None;
+    display.run(gpu, WindowOptions { title, size_px: START_PX, cover, tiles: Vec::new() })?;
     node_thread.join().map_err(|_| anyhow!("the node's thread ended unexpectedly"))?.map_err(Into::into)
 }
 

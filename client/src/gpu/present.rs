@@ -85,6 +85,11 @@ impl Presenter {
         self.gpu.configure(&self.surface, &self.config);
     }
 
+    /// Places the tiles anew.
+    pub fn lay_out(&mut self, tiles: Vec<TileRect>) {
+        self.tiles = tiles;
+    }
+
     /// Takes a tile's latest picture. It appears with the next [`Presenter::present`].
     pub fn update(&mut self, shown: &Shown) {
         let binding = bind_texture(&self.gpu.device, &self.layout, &shown.texture, &self.sampler);

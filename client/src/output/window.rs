@@ -51,6 +51,7 @@ pub struct WindowClosed;
 
 #[derive(Debug)]
 enum Feed {
+    LayOut(Vec<TileRect>),
     Show(Shown),
     Close,
 }
@@ -60,6 +61,14 @@ enum Feed {
 pub struct WindowFeed(EventLoopProxy<Feed>);
 
 impl WindowFeed {
+    /// Places the tiles, instead of where [`WindowOptions`] has them.
+    ///
+    /// # Errors
+    /// When the window was closed.
+    pub fn lay_out(&self, tiles: Vec<TileRect>) -> Result<(), WindowClosed> {
+        self.0.send_event(Feed::LayOut(tiles)).map_err(|_| WindowClosed)
+    }
+
     /// Shows a tile's latest picture.
     ///
     /// # Errors
@@ -163,6 +172,13 @@ impl ApplicationHandler<Feed> for App {
     fn user_event(&mut self, event_loop: &ActiveEventLoop, feed: Feed) {
         match (feed, &mut self.open) {
             (Feed::Close, _) => event_loop.exit(),
+            (Feed::LayOut(tiles), open) => {
+                self.options.tiles.clone_from(&tiles);
+                if let Some((window, presenter)) = open {
+                    presenter.lay_out(tiles);
+                    window.request_redraw();
+                }
+            }
             (Feed::Show(shown), Some((window, presenter))) => {
                 presenter.update(&shown);
                 window.request_redraw();
