@@ -13,7 +13,8 @@
 //! # Bodies
 //! A body is a `u8` tag, a header, and for some messages bulk data. Headers are plain little-endian structs in the order
 //! of their fields: fixed-width integers and floats, `Option` as a byte 0 or 1 and then the value, a list or string as a
-//! `u64` count and its items, an enum as its `u32` number. `uvarint` is LEB128, low group first, at most 5 bytes.
+//! `u64` count and its items, an enum as a `u32`, counted from 0 in the
+//! order of its declaration (a [`ByeCode`] from 1). `uvarint` is LEB128, low group first, at most 5 bytes.
 //!
 //! | tag | message | from, to | header, bulk |
 //! |---|---|---|---|

@@ -1,1 +1,273 @@
+<<<<<<< HEAD
 
+=======
+//! Goal: the bytes never change unnoticed, and no bytes from outside make a decoder panic.
+//! Method: golden bytes of every message; round trips; random bytes and mutated messages into every decoder.
+
+use glam::{DAffine3, DVec3};
+use proptest::prelude::*;
+
+use super::*;
+use crate::scene::{ChunkHash, ObjectId, SectionKind, Transform};
+use crate::visible_set::{LeafRange, VisibleDelta, VisibleSet};
+use crate::wall::{Eye, ObserverId, TileId, ViewId};
+
+fn hello() -> Opening {
+    Opening::Control(Hello { node: "t1x0".into(), credentials: Some(vec![7, 8]), cached: vec![ChunkHash([0xab; 32])] })
+}
+
+fn welcome() -> ToTile {
+    ToTile::Welcome(Welcome {
+        version: PROTOCOL_VERSION,
+        session: 0x0102,
+        node: "n".into(),
+        views: vec![ViewSpec {
+            view: ViewId(3),
+            tile: TileId(2),
+            tile_name: "t".into(),
+            observer: ObserverId(1),
+            eye: Eye::Left,
+            corners: [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.5, 0.0]],
+            size_px: [640, 480],
+            near_m: 0.25,
+        }],
+        rate_hz: 60.0,
+        next_frame: 5,
+    })
+}
+
+fn manifest() -> ToTile {
+    let section = SectionRef { kind: SectionKind::Leaves, hash: ChunkHash([0xcd; 32]), length: 40 };
+    ToTile::Manifest(Manifest { epoch: 1, sections: vec![section] })
+}
+
+fn set(ranges: &[(u32, u32)]) -> VisibleSet {
+    VisibleSet::from_ranges(ranges.iter().map(|&(start, end)| LeafRange::new(start, end)))
+}
+
+fn frame() -> Frame {
+    Frame {
+        number: 9,
+        epoch: 1,
+        scene_time_s: 0.5,
+        world_from_room: DAffine3::from_translation(DVec3::new(1.0, 2.0, 4.0)),
+        shared_eye: DVec3::new(0.0, 1.0, 0.0),
+        base: Some(8),
+        views: vec![FrameView {
+            eye: DVec3::new(0.0, 0.0, 2.0),
+            budget: Budget { triangles: Some(1000), gpu_us: None },
+            leaves: VisibleDelta { removed: set(&[(0, 1)]), added: set(&[(5, 8), (300, 500)]) },
+        }],
+        moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
+    }
+}
+
+fn bytes(encode: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>) -> Vec<u8> {
+    let mut out = Vec::new();
+    encode(&mut out).expect("a sample within its caps");
+    assert_eq!(out.len() - LENGTH_BYTES, u32::from_le_bytes(out[..4].try_into().unwrap()) as usize);
+    out
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn f64s(values: &[f64]) -> String {
+    values.iter().map(|v| hex(&v.to_le_bytes())).collect()
+}
+
+/// All messages, by name, whole.
+fn samples() -> Vec<(&'static str, Vec<u8>)> {
+    let hash = ChunkHash([0xab; 32]);
+    let bye = Bye::new(ByeCode::UnknownNode, "no");
+    let stats = Stats { frame: 1, draw_us: 2, leaves: 3, triangles: 4, resident_bytes: 5 };
+    vec![
+        ("hello", bytes(|out| hello().encode(out))),
+        ("chunk hello", bytes(|out| Opening::Chunks(ChunkHello { session: 0x0102 }).encode(out))),
+        ("ready", bytes(|out| ToMaster::Ready { frame: 258 }.encode(out))),
+        ("stats", bytes(|out| ToMaster::Stats(stats).encode(out))),
+        ("bye to master", bytes(|out| ToMaster::Bye(bye.clone()).encode(out))),
+        ("welcome", bytes(|out| welcome().encode(out))),
+        ("manifest", bytes(|out| manifest().encode(out))),
+        ("frame", bytes(|out| frame().encode(out))),
+        ("swap", bytes(|out| ToTile::Swap { frame: 258 }.encode(out))),
+        ("alive", bytes(|out| ToTile::Alive.encode(out))),
+        ("bye to tile", bytes(|out| ToTile::Bye(bye.clone()).encode(out))),
+        ("want", bytes(|out| Want { hashes: vec![hash] }.encode(out))),
+        ("piece", bytes(|out| ChunkReply::Piece(Piece { hash, offset: 2, total: 5, bytes: b"cde" }).encode(out))),
+        ("absent", bytes(|out| ChunkReply::Absent { hash }.encode(out))),
+        ("bye on chunks", bytes(|out| ChunkReply::Bye(bye.clone()).encode(out))),
+    ]
+}
+
+#[test]
+fn golden_bytes() {
+    let ab = "ab".repeat(32);
+    let golden = [
+        ("hello", format!("01 4d554c4c01000000 0400000000000000 74317830 01 0200000000000000 0708 0100000000000000 {ab}")),
+        ("chunk hello", "02 4d554c4c01000000 0201000000000000".into()),
+        ("ready", "03 0201000000000000".into()),
+        ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
+        ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
+        (
+            "welcome",
+            format!(
+                "06 01000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
+                 01000000 {} 80020000 e0010000 {} {} 0500000000000000",
+                f64s(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
+                f64s(&[0.25]),
+                f64s(&[60.0]),
+            ),
+        ),
+        ("manifest", format!("07 01000000 0100000000000000 03000000 {} 2800000000000000", "cd".repeat(32))),
+        (
+            "frame",
+            format!(
+                "08 0900000000000000 01000000 {} {} {} 010800000000000000 01000000 01000000 {} 01e8030000 00 \
+                 01 00 00  02 05 02 a302 c701  06000000 {}",
+                f64s(&[0.5]),
+                f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0]),
+                f64s(&[0.0, 1.0, 0.0]),
+                f64s(&[0.0, 0.0, 2.0]),
+                f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+            ),
+        ),
+        ("swap", "09 0201000000000000".into()),
+        ("alive", "0a".into()),
+        ("bye to tile", "05 03000000 0200000000000000 6e6f".into()),
+        ("want", format!("0b 0100000000000000 {ab}")),
+        ("piece", format!("0c {ab} 0200000000000000 0500000000000000 636465")),
+        ("absent", format!("0d {ab}")),
+        ("bye on chunks", "05 03000000 0200000000000000 6e6f".into()),
+    ];
+    for ((name, bytes), (golden_name, golden)) in samples().iter().zip(golden) {
+        assert_eq!(*name, golden_name);
+        assert_eq!(hex(body_of(bytes)), golden.replace(char::is_whitespace, ""), "{name}");
+    }
+}
+
+#[test]
+fn messages_go_round() {
+    assert_eq!(Opening::decode(body_of(&bytes(|out| hello().encode(out)))), Ok(hello()));
+    for message in [welcome(), manifest(), ToTile::Frame(frame()), ToTile::Swap { frame: 3 }, ToTile::Alive] {
+        assert_eq!(ToTile::decode(body_of(&bytes(|out| message.encode(out)))), Ok(message));
+    }
+    let piece = ChunkReply::Piece(Piece { hash: ChunkHash([1; 32]), offset: 0, total: 3, bytes: b"abc" });
+    assert_eq!(ChunkReply::decode(body_of(&bytes(|out| piece.encode(out)))), Ok(piece));
+}
+
+#[test]
+fn goodbye_codes_keep_their_numbers() {
+    for number in 1..40 {
+        assert_eq!(ByeCode::from_number(number).number(), number);
+    }
+    assert_eq!(ByeCode::EndOfShow.number(), 1);
+    assert_eq!(ByeCode::VersionMismatch.number(), 2);
+    assert_eq!(ByeCode::Failed.number(), 12);
+}
+
+#[test]
+fn greetings_of_strangers_are_told_apart() {
+    let mut other = Vec::new();
+    hello().encode_as_version(PROTOCOL_VERSION + 1, &mut other).unwrap();
+    assert_eq!(Opening::decode(body_of(&other)), Err(WireError::Version { theirs: PROTOCOL_VERSION + 1 }));
+    // Another version may have another layout behind the version.
+    assert_eq!(Opening::decode(b"\x01MULL\x09\0\0\0!"), Err(WireError::Version { theirs: 9 }));
+    assert_eq!(Opening::decode(b"\x01GET / HTTP/1.1"), Err(WireError::Magic));
+    assert_eq!(Opening::decode(b"GET / HTTP/1.1"), Err(WireError::Tag { tag: b'G' }));
+    assert_eq!(Opening::decode(b""), Err(WireError::Empty));
+}
+
+#[test]
+fn caps_hold_both_ways() {
+    let mut out = Vec::new();
+    let too_long = Opening::Control(Hello { node: "x".repeat(MAX_NAME_BYTES + 1), credentials: None, cached: vec![] });
+    assert!(matches!(too_long.encode(&mut out), Err(WireError::Limit { .. })));
+    let full = Opening::Control(Hello {
+        node: "x".repeat(MAX_NAME_BYTES),
+        credentials: Some(vec![0; MAX_CREDENTIALS_BYTES]),
+        cached: vec![ChunkHash([0; 32]); MAX_CACHED],
+    });
+    assert_eq!(Opening::decode(body_of(&bytes(|out| full.encode(out)))), Ok(full));
+    let wanted = Want { hashes: vec![ChunkHash([0; 32]); MAX_WANTED + 1] };
+    assert!(matches!(wanted.encode(&mut out), Err(WireError::Limit { .. })));
+    assert!(matches!(ToMaster::decode(&[tag(4); MAX_TO_MASTER_BYTES + 1]), Err(WireError::Limit { .. })));
+    assert_eq!(Bye::new(ByeCode::Failed, "é".repeat(MAX_REASON_BYTES)).reason.len(), MAX_REASON_BYTES);
+
+    let claims = |list: u64| [&[tag(11)][..], &list.to_le_bytes()].concat();
+    assert!(Want::decode(&claims(u64::MAX)).is_err());
+    assert!(Want::decode(&claims(MAX_WANTED as u64)).is_err());
+}
+
+fn tag(tag: u8) -> u8 {
+    tag
+}
+
+#[test]
+fn what_is_not_finite_or_backwards_is_refused() {
+    let refused = |change: fn(&mut Frame)| {
+        let mut bad = frame();
+        change(&mut bad);
+        ToTile::decode(body_of(&bytes(|out| bad.encode(out)))).is_err()
+    };
+    assert!(!refused(|_| {}));
+    assert!(refused(|f| f.scene_time_s = f64::NAN));
+    assert!(refused(|f| f.world_from_room.translation.x = f64::INFINITY));
+    assert!(refused(|f| f.views[0].eye.y = f64::NAN));
+    assert!(refused(|f| f.shared_eye.y = f64::NAN));
+    assert!(refused(|f| f.base = Some(9)));
+}
+
+fn decode_all(body: &[u8]) {
+    let _ = Opening::decode(body);
+    let _ = ToMaster::decode(body);
+    let _ = Want::decode(body);
+    let _ = ChunkReply::decode(body);
+    if let Ok(ToTile::Frame(frame)) = ToTile::decode(body) {
+        for set in frame.views.iter().flat_map(|v| [&v.leaves.removed, &v.leaves.added]) {
+            assert!(set.ranges().iter().all(|r| r.start < r.end) && set.ranges().windows(2).all(|w| w[0].end < w[1].start));
+        }
+    }
+}
+
+fn any_set() -> impl Strategy<Value = VisibleSet> {
+    let edge = prop_oneof![0..200u32, any::<u32>()];
+    proptest::collection::vec((edge, 1..300u32), 0..20)
+        .prop_map(|v| VisibleSet::from_ranges(v.into_iter().map(|(s, len)| LeafRange::new(s, s.saturating_add(len)))))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn no_bytes_make_a_decoder_panic(tag in 0..16u8, rest in proptest::collection::vec(any::<u8>(), 0..300)) {
+        decode_all(&[&[tag][..], &rest].concat());
+        decode_all(&[&[tag][..], &MAGIC, &PROTOCOL_VERSION.to_le_bytes(), &rest].concat());
+    }
+
+    #[test]
+    fn mutated_messages_do_not_panic(
+        which in 0..15usize, edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        keep in any::<prop::sample::Index>(), cut in any::<bool>(),
+    ) {
+        let mut body = body_of(&samples()[which].1).to_vec();
+        for (at, value) in edits {
+            let at = at.index(body.len());
+            body[at] = value;
+        }
+        if cut {
+            body.truncate(keep.index(body.len() + 1));
+        }
+        decode_all(&body);
+    }
+
+    #[test]
+    fn sets_go_round(removed in any_set(), added in any_set()) {
+        let mut frame = frame();
+        frame.views[0].leaves = VisibleDelta { removed, added };
+        let decoded = ToTile::decode(body_of(&bytes(|out| frame.encode(out))));
+        prop_assert_eq!(decoded, Ok(ToTile::Frame(frame)));
+    }
+}
+>>>>>>> h3

@@ -74,7 +74,8 @@ impl Outbox {
     /// What to write next.
     pub fn pop(&mut self) -> Option<Message> {
         let control = self.control.pop_front();
-        control.or(self.swap.take()).or(self.frame.take()).or(self.alive.take()).or(self.bye.take())
+        let replaceable = [&mut self.swap, &mut self.frame, &mut self.alive, &mut self.bye];
+        control.or_else(|| replaceable.into_iter().find_map(Option::take))
     }
 }
 
