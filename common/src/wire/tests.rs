@@ -1,6 +1,3 @@
-<<<<<<< HEAD
-
-=======
 //! Goal: the bytes never change unnoticed, and no bytes from outside make a decoder panic.
 //! Method: golden bytes of every message; round trips; random bytes and mutated messages into every decoder.
 
@@ -270,4 +267,3 @@ proptest! {
         prop_assert_eq!(decoded, Ok(ToTile::Frame(frame)));
     }
 }
->>>>>>> h3
