@@ -22,13 +22,16 @@ use glam::{DAffine3, DVec3};
 use mullion_client::tile_session::{Action, DrawStats, EndedBy, FrameToDraw, TileSession};
 use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Transform};
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wire::{Moved, Opening, SectionRef, ToTile, body_of};
+use mullion_common::wire::{Bye, ByeCode, Moved, Opening, SectionRef, ToTile, body_of};
 use mullion_server::master::{FrameInput, FrameReleased, Kind, Master, MasterOptions, Outbox, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 use session_support::{OBJECTS, Rng, chunks_of, package, transform, visible, wall};
 
 const LEAVES: u32 = 200;
-const FRAMES: u64 = 320;
+/// When the show is stopped. Faults are over long before.
+const END: Duration = Duration::from_secs(6);
+/// How old the picture of a healthy node may be while chunks are on their way.
+const BACK_IN_PICTURE: Duration = Duration::from_millis(200);
 const WAIT: Duration = Duration::from_millis(20);
 
 fn us(us: u64) -> Duration {
@@ -122,6 +125,8 @@ struct Sim {
     places: Vec<Vec<Transform>>,
     live_at_begin: BTreeSet<usize>,
     released: Option<u64>,
+    /// By frame.
+    released_at: Vec<Duration>,
     passed_over: Vec<u64>,
     shows: u64,
     deltas: u64,
@@ -148,7 +153,7 @@ impl Sim {
         let start_nodes = if rng.chance(2) { (0..4).map(NodeIndex).collect() } else { vec![] };
         let barrier = BarrierOptions { wait: WAIT, start_wait: Duration::from_millis(500), start_nodes };
         let pace = if rng.chance(3) { Pace::AsFastAsPossible } else { Pace::Every(us(16_667)) };
-        let options = MasterOptions { barrier, pace, frames: Some(FRAMES), sections, session_seed: [7; 32] };
+        let options = MasterOptions { barrier, pace, frames: None, sections, session_seed: [7; 32] };
         let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name)).collect();
         Self {
             seed,
@@ -166,6 +171,7 @@ impl Sim {
             places: Vec::new(),
             live_at_begin: BTreeSet::new(),
             released: None,
+            released_at: Vec::new(),
             shows: 0,
             deltas: 0,
             is_finished: false,
@@ -179,7 +185,7 @@ impl Sim {
         self.queue.push(Reverse((self.now + us(delay_us), self.order, event)));
     }
 
-    /// Faults from the seed, all of them begun in the first half of the show at the rate of 60 Hz.
+    /// Faults from the seed, all of them over, and all nodes back, before 4 s.
     fn schedule(&mut self) {
         for node in 0..self.nodes.len() {
             let late = if self.rng.chance(4) { self.rng.within(100_000, 1_500_000) } else { self.rng.within(0, 20_000) };
@@ -208,23 +214,28 @@ impl Sim {
 
     fn run(mut self) -> Self {
         self.schedule();
-        self.master.handle_timeout(self.now);
-        self.act();
+        self.play();
+        self
+    }
+
+    fn play(&mut self) {
         for _ in 0..2_000_000 {
+            self.master.handle_timeout(self.now);
+            self.act();
             let next_event = self.queue.peek().map(|Reverse((at, ..))| *at);
             let next_timeout = self.master.next_timeout().filter(|_| !self.is_finished);
             let Some(at) = next_event.into_iter().chain(next_timeout).min() else { break };
             self.now = self.now.max(at);
+            if self.now >= END {
+                self.master.handle_shutdown(&Bye::new(ByeCode::EndOfShow, "the show was stopped"));
+            }
             if next_event == Some(at)
                 && let Some(Reverse((_, _, event))) = self.queue.pop()
             {
                 self.handle(event);
             }
-            self.master.handle_timeout(self.now);
-            self.act();
         }
         assert!(self.is_finished && self.queue.is_empty(), "the show never ended");
-        self
     }
 
     fn handle(&mut self, event: Event) {
@@ -505,6 +516,7 @@ impl Sim {
     fn check_release(&mut self, released: &FrameReleased) {
         let FrameReleased { number, waited, passed_over, .. } = released;
         self.released = Some(*number);
+        self.released_at.push(self.now);
         for node in passed_over {
             self.passed_over[usize::from(node.0)] += 1;
         }
@@ -529,14 +541,16 @@ impl Sim {
     }
 
     fn check_end(&self) {
-        let last = FRAMES - 1;
         for (i, node) in self.nodes.iter().enumerate() {
-            assert_eq!(node.shown, Some(last), "node {i} is not in the picture");
+            // New leaves come into view all the time: a node may be fetching while the last few frames pass.
+            let shown_at = node.shown.map(|frame| self.released_at[frame as usize]);
+            assert!(shown_at > Some(END - BACK_IN_PICTURE), "node {i} shows frame {:?} of {:?}", node.shown, self.released);
             // Blobs may make a node late too: it is live from its first frame in time on, and fetches as the view moves.
             let faults = node.times_hung + 1;
             assert!(self.passed_over[i] <= 8 * faults, "node {i} was passed over {} times", self.passed_over[i]);
         }
-        assert!(self.deltas > FRAMES, "{} deltas", self.deltas);
+        let frames = self.released_at.len() as u64;
+        assert!(self.deltas > frames, "{} deltas in {frames} frames", self.deltas);
     }
 }
 
@@ -571,22 +585,6 @@ fn one_hung_node_costs_one_wait() {
         sim.nodes[node].draw_us = 2000;
     }
     sim.at(2_000_000, Event::Hang { node: 2, us: 60_000_000 });
-    sim.master.handle_timeout(sim.now);
-    sim.act();
-    let mut waits_before = 0;
-    while !sim.is_finished {
-        let next_event = sim.queue.peek().map(|Reverse((at, ..))| *at);
-        let at = next_event.into_iter().chain(sim.master.next_timeout()).min().unwrap();
-        sim.now = sim.now.max(at);
-        if next_event == Some(at) {
-            let Reverse((_, _, event)) = sim.queue.pop().unwrap();
-            if matches!(event, Event::Hang { .. }) {
-                waits_before = sim.passed_over.iter().sum::<u64>();
-            }
-            sim.handle(event);
-        }
-        sim.master.handle_timeout(sim.now);
-        sim.act();
-    }
-    assert_eq!(sim.passed_over.iter().sum::<u64>() - waits_before, 1);
+    sim.play();
+    assert_eq!(sim.passed_over[2], 1);
 }
