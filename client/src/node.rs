@@ -151,7 +151,7 @@ pub fn run(options: NodeOptions, painter: &mut dyn Painter) -> Result<NodeReport
     let network = Network { hello: Opening::Control(easel.session.hello()), options, events, stats: Arc::clone(&stats) };
     let thread = thread::Builder::new().name("mullion-network".into()).spawn(move || runtime.block_on(network.run()))?;
     let result = easel.run(&mut inbox, &stats);
-    // Without an inbox and a link the network thread ends as soon as what is queued is written.
+    // Without an inbox and a link, in this order, the network thread ends as soon as what is queued is written.
     drop(inbox);
     easel.link = None;
     let report = easel.report;
@@ -171,24 +171,20 @@ struct Easel<'a> {
 
 impl Easel<'_> {
     fn run(&mut self, inbox: &mut mpsc::Receiver<Event>, stats: &Mutex<Stats>) -> Result<(), NodeError> {
-        while let Some(event) = inbox.blocking_recv() {
-            let mut next = Some(event);
-            // All that has come in counts before anything is drawn: the newest frame wins.
-            while let Some(event) = next {
-                if let Event::Ended(result) = event {
-                    return result;
-                }
-                self.take(event);
-                next = inbox.try_recv().ok();
-            }
-            match self.act() {
+        loop {
+            let acted = match self.take_all(inbox) {
+                Ok(None) => self.act(),
+                Ok(Some(end)) => return end,
+                Err(error) => Err(error),
+            };
+            match acted {
                 Ok(()) => {}
                 Err(PaintError::Closed) => {
-                    self.say_goodbye(Bye::new(ByeCode::Leaving, "closed"));
+                    self.say(ToMaster::Bye(Bye::new(ByeCode::Leaving, "closed")));
                     return Ok(());
                 }
                 Err(PaintError::Failed(reason)) => {
-                    self.say_goodbye(Bye::new(ByeCode::Failed, reason.as_str()));
+                    self.say(ToMaster::Bye(Bye::new(ByeCode::Failed, reason.as_str())));
                     return Err(NodeError::Paint(reason));
                 }
             }
@@ -196,7 +192,28 @@ impl Easel<'_> {
                 *stats = self.session.stats();
             }
         }
-        Ok(())
+    }
+
+    /// Waits for an event and takes all that have come in before anything is drawn: the newest frame wins. Gives the
+    /// node's end, if it has come.
+    fn take_all(&mut self, inbox: &mut mpsc::Receiver<Event>) -> Result<Option<Result<(), NodeError>>, PaintError> {
+        let mut next = inbox.blocking_recv();
+        if next.is_none() {
+            return Ok(Some(Ok(())));
+        }
+        while let Some(event) = next {
+            match event {
+                // What the master said before the end still counts: the last frame's swap comes just before it.
+                Event::Disconnected | Event::Ended(_) => self.act()?,
+                _ => {}
+            }
+            match event {
+                Event::Ended(end) => return Ok(Some(end)),
+                event => self.take(event),
+            }
+            next = inbox.try_recv().ok();
+        }
+        Ok(None)
     }
 
     fn take(&mut self, event: Event) {
@@ -246,7 +263,7 @@ impl Easel<'_> {
                 Action::Close { bye, by } => {
                     if by == EndedBy::Node {
                         tracing::warn!("leaving the master: {bye}");
-                        self.say_goodbye(bye);
+                        self.say(ToMaster::Bye(bye));
                     }
                     self.link = None;
                 }
@@ -261,11 +278,6 @@ impl Easel<'_> {
         {
             self.link = None;
         }
-    }
-
-    fn say_goodbye(&mut self, bye: Bye) {
-        self.say(ToMaster::Bye(bye));
-        self.link = None;
     }
 }
 
@@ -329,7 +341,10 @@ impl Network {
                 pause = first;
             }
             tracing::info!("no connection to {}: {last}; trying again in {} ms", self.options.master, pause.as_millis());
-            tokio::time::sleep(pause).await;
+            tokio::select! {
+                () = tokio::time::sleep(pause) => {}
+                () = self.events.closed() => return Ok(()),
+            }
             pause = (pause * 2).min(longest);
         }
     }
@@ -378,6 +393,7 @@ impl Network {
                 _ => {}
             }
             if self.events.send(Event::Message(message)).await.is_err() {
+                tokio::time::sleep(ALIVE_EVERY).await; // the writer has this side's goodbye to send, and ends this
                 return End::NobodyThere;
             }
         }
@@ -393,7 +409,8 @@ impl Network {
                     Some(message) => message,
                     None => {
                         let _ = writer.shutdown().await; // the connection ends either way
-                        return End::Lost("this side ended the connection".into());
+                        let is_over = self.events.is_closed();
+                        return if is_over { End::NobodyThere } else { End::Lost("this side ended the connection".into()) };
                     }
                 },
                 _ = beat.tick() => ToMaster::Stats(self.stats.lock().map(|s| *s).unwrap_or_default()),
@@ -447,7 +464,7 @@ impl Network {
                 Err(error) => return End::Lost(format!("chunk connection: {error}")),
             };
             if self.events.send(event).await.is_err() {
-                return End::NobodyThere;
+                return std::future::pending().await; // the control connection decides how this ends
             }
         }
     }

@@ -561,3 +561,6 @@ impl Sections {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
