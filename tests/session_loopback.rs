@@ -121,7 +121,9 @@ fn strangers(address: SocketAddr) {
     let messages = speak(address, &hello("t0x0", PROTOCOL_VERSION + 6));
     let (code, reason) = goodbye(&messages);
     assert_eq!(code, ByeCode::VersionMismatch);
-    assert!(reason.contains(&format!("version {PROTOCOL_VERSION},")) && reason.contains(&format!("version {}", PROTOCOL_VERSION + 6)));
+    assert!(
+        reason.contains(&format!("version {PROTOCOL_VERSION},")) && reason.contains(&format!("version {}", PROTOCOL_VERSION + 6))
+    );
     // A welcome, then a lie: the connection ends, the wall goes on.
     let lie = [hello("t2x1", PROTOCOL_VERSION), [&9u32.to_le_bytes()[..], &[3], &u64::MAX.to_le_bytes()].concat()].concat();
     let messages = speak(address, &lie);

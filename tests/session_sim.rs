@@ -520,12 +520,8 @@ impl Sim {
         for node in passed_over {
             self.passed_over[usize::from(node.0)] += 1;
         }
-        let still_live: Vec<usize> = self
-            .live_at_begin
-            .iter()
-            .copied()
-            .filter(|n| self.master.standing(NodeIndex(*n as u16)) == Standing::Live)
-            .collect();
+        let still_live: Vec<usize> =
+            self.live_at_begin.iter().copied().filter(|n| self.master.standing(NodeIndex(*n as u16)) == Standing::Live).collect();
         for node in &still_live {
             // A node whose connection broke a moment ago may be live for the master still; it had said that it was ready.
             if self.nodes[*node].peer.is_some() {

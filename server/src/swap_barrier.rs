@@ -90,12 +90,7 @@ impl SwapBarrier {
     /// A barrier for so many nodes, none of them there yet.
     pub fn new(node_count: usize, options: BarrierOptions) -> Self {
         let absent = Member { standing: Standing::Absent, ready: None, misses: 0, in_time_in_a_row: 0, live_from: 0 };
-        Self {
-            options,
-            members: vec![absent; node_count],
-            begun: VecDeque::with_capacity(REMEMBERED_FRAMES),
-            first: None,
-        }
+        Self { options, members: vec![absent; node_count], begun: VecDeque::with_capacity(REMEMBERED_FRAMES), first: None }
     }
 
     /// The node has connected.

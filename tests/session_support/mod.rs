@@ -88,7 +88,12 @@ pub fn package(leaf_count: u32) -> Arc<Package> {
     };
     let scene = Scene {
         hierarchy: ObjectHierarchy::new(nodes).expect("a tree"),
-        manifest: SceneManifest { transforms: vec![Transform::from(DAffine3::IDENTITY); OBJECTS as usize], leaves, materials, chunks },
+        manifest: SceneManifest {
+            transforms: vec![Transform::from(DAffine3::IDENTITY); OBJECTS as usize],
+            leaves,
+            materials,
+            chunks,
+        },
         objects: (0..OBJECTS).map(object).collect(),
         sources: Sources {
             leaves: (0..leaf_count).map(|piece| LeafSource { mesh: 0, primitive: 0, piece }).collect(),

@@ -8,8 +8,12 @@ use mullion_common::visible_set::VisibleSet;
 /// from the eye that all views share, each leaf's geometry and then its texture. All leaves must be in the manifest.
 /// `transforms` are the objects' newest; `eye` is in world space, metres.
 pub fn missing_in_order_of_need<'a>(
-    manifest: &SceneManifest, transforms: &[Transform], sets: impl Iterator<Item = &'a VisibleSet>, eye: DVec3,
-    held: impl Fn(ChunkId) -> bool, missing: &mut Vec<ChunkId>,
+    manifest: &SceneManifest,
+    transforms: &[Transform],
+    sets: impl Iterator<Item = &'a VisibleSet>,
+    eye: DVec3,
+    held: impl Fn(ChunkId) -> bool,
+    missing: &mut Vec<ChunkId>,
 ) {
     let mut seen = vec![false; manifest.chunks.len()];
     let mut wanted: Vec<(f64, u32)> = Vec::new();

@@ -144,7 +144,10 @@ fn within(what: &'static str, value: usize, cap: usize) -> Result<(), WireError>
 
 /// Writes a whole message to `out`, which it empties first: the length, the tag, and what `body` appends.
 fn framed(
-    out: &mut Vec<u8>, tag: u8, cap: usize, body: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>,
+    out: &mut Vec<u8>,
+    tag: u8,
+    cap: usize,
+    body: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>,
 ) -> Result<(), WireError> {
     out.clear();
     out.extend_from_slice(&[0; LENGTH_BYTES]);

@@ -242,7 +242,9 @@ impl Master {
         let bye = match error {
             WireError::Version { theirs } => Bye::new(
                 ByeCode::VersionMismatch,
-                format!("the master speaks protocol version {PROTOCOL_VERSION}, the node version {theirs}: install the same release on both"),
+                format!(
+                    "the master speaks protocol version {PROTOCOL_VERSION}, the node version {theirs}: install the same release on both"
+                ),
             ),
             other => Bye::for_error(other),
         };

@@ -152,7 +152,10 @@ impl Connection {
     }
 
     async fn write_pieces(
-        &self, writer: &tokio::sync::Mutex<OwnedWriteHalf>, wanted: &Mutex<VecDeque<ChunkHash>>, more: &Notify,
+        &self,
+        writer: &tokio::sync::Mutex<OwnedWriteHalf>,
+        wanted: &Mutex<VecDeque<ChunkHash>>,
+        more: &Notify,
     ) -> io::Result<()> {
         let mut buffer = Vec::new();
         loop {

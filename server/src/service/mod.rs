@@ -7,8 +7,8 @@ mod blobs;
 mod connection;
 mod mailbox;
 
-use std::collections::hash_map::RandomState;
 use std::collections::BTreeMap;
+use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
 use std::net::SocketAddr;
@@ -297,9 +297,7 @@ impl Service {
             self.act();
         }
         drop(listener);
-        let flush = async {
-            while self.tasks.join_next().await.is_some() {}
-        };
+        let flush = async { while self.tasks.join_next().await.is_some() {} };
         // Events are not read any more: connections that wait to report end when the inbox does.
         drop(inbox);
         if tokio::time::timeout(LAST_WORDS, flush).await.is_err() {
