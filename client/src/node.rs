@@ -127,9 +127,12 @@ pub enum NodeError {
     Start(#[from] io::Error),
 }
 
+/// Names and lengths of blobs, in order of need.
+type Wanted = Vec<(ChunkHash, u64)>;
+
 /// From the network to the painter's thread.
 enum Event {
-    Connected { control: mpsc::Sender<ToMaster>, wants: mpsc::Sender<Vec<(ChunkHash, u64)>> },
+    Connected { control: mpsc::Sender<ToMaster>, wants: mpsc::Sender<Wanted> },
     Message(ToTile),
     Blob(ChunkHash, Vec<u8>),
     Absent(ChunkHash),
@@ -166,7 +169,7 @@ struct Easel<'a> {
     session: TileSession,
     painter: &'a mut dyn Painter,
     report: NodeReport,
-    link: Option<(mpsc::Sender<ToMaster>, mpsc::Sender<Vec<(ChunkHash, u64)>>)>,
+    link: Option<(mpsc::Sender<ToMaster>, mpsc::Sender<Wanted>)>,
 }
 
 impl Easel<'_> {
@@ -421,7 +424,7 @@ impl Network {
         }
     }
 
-    async fn fetch_chunks(&self, session: oneshot::Receiver<u64>, wanted: mpsc::Receiver<Vec<(ChunkHash, u64)>>) -> End {
+    async fn fetch_chunks(&self, session: oneshot::Receiver<u64>, wanted: mpsc::Receiver<Wanted>) -> End {
         let Ok(session) = session.await else { return std::future::pending().await };
         let (reader, mut writer) = match connect(&self.options.master).await {
             Ok(stream) => stream.into_split(),
@@ -479,11 +482,7 @@ async fn after_the_last_word(half: impl Future<Output = End>) -> End {
     end
 }
 
-async fn write_wants(
-    mut writer: OwnedWriteHalf,
-    mut wanted: mpsc::Receiver<Vec<(ChunkHash, u64)>>,
-    assembly: &Mutex<Assembly>,
-) -> End {
+async fn write_wants(mut writer: OwnedWriteHalf, mut wanted: mpsc::Receiver<Wanted>, assembly: &Mutex<Assembly>) -> End {
     let mut buffer = Vec::new();
     while let Some(blobs) = wanted.recv().await {
         let expected = locked(assembly, |a| blobs.iter().try_for_each(|(hash, length)| a.expect(*hash, *length)));
