@@ -14,7 +14,7 @@ use std::thread;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
-use mullion_client::node::{NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, run};
+use mullion_client::node::{DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, run};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
 use mullion_common::wire::{ByeCode, Hello, LENGTH_BYTES, Moved, Opening, PROTOCOL_VERSION, ToTile, ViewSpec};
@@ -47,9 +47,14 @@ impl Painter for Recorder {
         Ok(())
     }
 
-    fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<(), PaintError> {
+    fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
         assert_eq!(bytes, self.package.chunk(chunk));
         assert!(self.uploaded.insert(chunk.0), "a chunk is uploaded once");
+        Ok(bytes.len() as u64)
+    }
+
+    fn evict(&mut self, chunk: ChunkId) -> Result<(), PaintError> {
+        assert!(self.uploaded.remove(&chunk.0), "only what is there is evicted");
         Ok(())
     }
 
@@ -80,7 +85,14 @@ impl Painter for Recorder {
 
 fn options(address: SocketAddr, node: &str) -> NodeOptions {
     let reconnect = Reconnect { give_up_after: Some(Duration::from_secs(5)), ..Reconnect::default() };
-    NodeOptions { master: address.to_string(), node: node.into(), credentials: None, reconnect, stop: None }
+    NodeOptions {
+        master: address.to_string(),
+        node: node.into(),
+        credentials: None,
+        memory_bytes: DEFAULT_MEMORY_BYTES,
+        reconnect,
+        stop: None,
+    }
 }
 
 /// Sends bytes, then reads the master's messages until it closes.

@@ -67,6 +67,9 @@ struct Link {
     node: Option<usize>,
 }
 
+/// Less than the scene takes, so that chunks come and go.
+const SHORT_OF_MEMORY_BYTES: u64 = 1000;
+
 /// A process that may die; its session dies with it.
 struct Node {
     session: TileSession,
@@ -81,6 +84,7 @@ struct Node {
     /// The painter.
     scene: Option<Arc<SceneManifest>>,
     uploaded: BTreeSet<u32>,
+    evictions: u64,
     transforms: Vec<Transform>,
     drawn: Option<u64>,
     shown: Option<u64>,
@@ -89,7 +93,7 @@ struct Node {
 impl Node {
     fn new(name: &str) -> Self {
         Self {
-            session: TileSession::new(name, None),
+            session: TileSession::new(name, None, SHORT_OF_MEMORY_BYTES),
             name: name.to_owned(),
             run: 0,
             peer: None,
@@ -100,6 +104,7 @@ impl Node {
             times_hung: 0,
             scene: None,
             uploaded: BTreeSet::new(),
+            evictions: 0,
             transforms: Vec::new(),
             drawn: None,
             shown: None,
@@ -433,6 +438,10 @@ impl Sim {
             Action::Upload { chunk, bytes } => {
                 assert_eq!(bytes, self.package.chunk(chunk));
                 assert!(n.uploaded.insert(chunk.0), "a chunk is uploaded once");
+            }
+            Action::Evict(chunk) => {
+                assert!(n.uploaded.remove(&chunk.0), "only what is there is evicted");
+                n.evictions += 1;
             }
             Action::SetTransform(moved) => n.transforms[moved.object.0 as usize] = moved.transform,
             Action::Draw(frame) => {

@@ -34,11 +34,16 @@ pub trait Painter {
     /// # Errors
     /// See [`PaintError`].
     fn open_scene(&mut self, manifest: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError>;
-    /// Take a chunk's bytes, which bear the chunk's hash.
+    /// Take a chunk's bytes, which bear the chunk's hash. Gives how many bytes it takes now.
     ///
     /// # Errors
     /// See [`PaintError`].
-    fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<(), PaintError>;
+    fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<u64, PaintError>;
+    /// Forget a chunk.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn evict(&mut self, chunk: ChunkId) -> Result<(), PaintError>;
     /// An object has another place from the next frame on.
     ///
     /// # Errors
@@ -94,11 +99,16 @@ pub struct NodeOptions {
     pub node: String,
     /// What proves it.
     pub credentials: Option<Vec<u8>>,
+    /// What chunks may take on the GPU before those that were not needed for longest go.
+    pub memory_bytes: u64,
     /// When to try again.
     pub reconnect: Reconnect,
     /// Turns true when the node is to stop.
     pub stop: Option<watch::Receiver<bool>>,
 }
+
+/// A choice for [`NodeOptions::memory_bytes`] that leaves room on common GPUs.
+pub const DEFAULT_MEMORY_BYTES: u64 = 4 << 30;
 
 /// What a node did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -149,7 +159,7 @@ pub fn run(options: NodeOptions, painter: &mut dyn Painter) -> Result<NodeReport
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (events, mut inbox) = mpsc::channel(MAX_EVENTS);
     let stats = Arc::new(Mutex::new(Stats::default()));
-    let session = TileSession::new(options.node.clone(), options.credentials.clone());
+    let session = TileSession::new(options.node.clone(), options.credentials.clone(), options.memory_bytes);
     let mut easel = Easel { session, painter, report: NodeReport::default(), link: None };
     let network = Network { hello: Opening::Control(easel.session.hello()), options, events, stats: Arc::clone(&stats) };
     let thread = thread::Builder::new().name("mullion-network".into()).spawn(move || runtime.block_on(network.run()))?;
@@ -252,7 +262,11 @@ impl Easel<'_> {
                     }
                 }
                 Action::OpenScene(manifest, views) => self.painter.open_scene(&manifest, &views)?,
-                Action::Upload { chunk, bytes } => self.painter.upload(chunk, &bytes)?,
+                Action::Upload { chunk, bytes } => {
+                    let taken = self.painter.upload(chunk, &bytes)?;
+                    self.session.uploaded(chunk, taken);
+                }
+                Action::Evict(chunk) => self.painter.evict(chunk)?,
                 Action::SetTransform(moved) => self.painter.set_transform(&moved)?,
                 Action::Draw(frame) => {
                     let stats = self.painter.draw(&frame)?;

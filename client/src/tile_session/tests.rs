@@ -71,7 +71,7 @@ fn actions(session: &mut TileSession) -> Vec<Action> {
 
 /// A session whose scene is open and which lacks every chunk.
 fn open() -> TileSession {
-    let mut session = TileSession::new("t0x0", None);
+    let mut session = TileSession::new("t0x0", None, u64::MAX);
     session.connected();
     session.handle_message(welcome());
     session.handle_message(manifest());
@@ -172,7 +172,7 @@ fn a_master_that_lies_is_left_with_a_reason() {
     let mut session = open();
     session.handle_absent(ChunkHash([0; 32]));
     assert!(left(&mut session).contains("no blob"));
-    let mut session = TileSession::new("t0x0", None);
+    let mut session = TileSession::new("t0x0", None, u64::MAX);
     session.connected();
     session.handle_message(frame(0, None, &[]));
     assert!(left(&mut session).contains("before the manifest"));
