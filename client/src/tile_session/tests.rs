@@ -177,3 +177,13 @@ fn a_master_that_lies_is_left_with_a_reason() {
     session.handle_message(frame(0, None, &[]));
     assert!(left(&mut session).contains("before the manifest"));
 }
+
+#[test]
+fn what_came_in_just_before_the_end_is_still_uploaded() {
+    let mut session = open();
+    session.handle_message(frame(0, None, &[(0, 1)]));
+    actions(&mut session);
+    give(&mut session, 0);
+    session.disconnected();
+    assert!(matches!(&actions(&mut session)[..], [Action::Upload { chunk: ChunkId(0), .. }]));
+}
