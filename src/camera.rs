@@ -77,9 +77,14 @@ impl Orbit {
     fn at(&self, share: f64) -> DAffine3 {
         const START: f64 = -0.9;
         const TURN: f64 = 0.9;
+        let mix = |from: f64, to: f64, share: f64| from + (to - from) * share;
+        // A city is walked into; a statue is walked round.
+        let flatness = self.size.y / self.size.x.max(self.size.z).max(f64::MIN_POSITIVE);
+        let compact = ((flatness - 0.2) / 0.2).clamp(0.0, 1.0);
+        let (first, last) = (mix(1.7, 4.2, compact), mix(0.95, 3.0, compact));
+        let distance_m = self.radius_m * mix(first, last, share);
+        let height_m = distance_m * mix(mix(0.47, 0.3, compact), mix(0.38, 0.2, compact), share);
         let angle = START + TURN * share;
-        let distance_m = self.radius_m * (1.7 - 0.75 * share);
-        let height_m = self.radius_m * (0.8 - 0.45 * share) + self.size.y * 0.1;
         let eye = self.center + DVec3::new(angle.sin() * distance_m, height_m, angle.cos() * distance_m);
         let matrix3 = facing((eye - self.center).normalize()) * self.scale;
         DAffine3 { matrix3, translation: eye - matrix3 * self.eye_in_room }
