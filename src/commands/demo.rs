@@ -173,6 +173,7 @@ fn start_master(
                 progress.finish();
             }
         }),
+        node_observer: Box::new(|_| {}),
         stop: Some(stopped),
     };
     std::thread::spawn(move || service::run(listener, show))

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
 use mullion_server::cull::Algorithm;
-use mullion_server::service::{self, FrameReport, Rate, Show, ShowOptions};
+use mullion_server::service::{self, FrameReport, NodeEvent, Rate, Show, ShowOptions};
 
 use super::prepare::HowToPrepare;
 use crate::camera::Orbit;
@@ -80,7 +80,12 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);
 
     let walk = Orbit::new(&package, &wall, options.frames.unwrap_or(WALK_FRAMES));
-    let progress = Progress::new();
+    let progress = Arc::new(Progress::new());
+    let lines = Arc::clone(&progress);
+    let node_observer = move |event: &NodeEvent| match event {
+        NodeEvent::Joined { node, address } => lines.line(&format!("node {node} joined from {address}")),
+        NodeEvent::Left { node, reason } => lines.line(&format!("node {node} left: {reason}")),
+    };
     let node_names: Vec<String> = wall.nodes().iter().map(|n| n.name.clone()).collect();
     let record = Record::new(&wall);
     let noted = record.clone();
@@ -103,6 +108,7 @@ pub fn run(options: &Options) -> Result<()> {
             camera: show::camera(walk, &wall),
             cull: record.culler(options.algorithm, &wall, &package),
             observer: Box::new(observer),
+            node_observer: Box::new(node_observer),
             stop: Some(stop),
             options: show_options,
             wall: Arc::clone(&wall),

@@ -1,7 +1,13 @@
 //! What several integration tests need.
 #![allow(dead_code)] // each test uses its part
 
+use std::ffi::OsStr;
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use mullion_common::scene::Package;
 use mullion_server::generate::{GeneratedScene, write_glb};
@@ -46,4 +52,149 @@ impl Random {
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
+}
+
+/// What a command did.
+pub struct Outcome {
+    pub code: Option<i32>,
+    pub out: String,
+    pub err: String,
+    pub took: Duration,
+}
+
+/// Runs the binary to its end, which must come within `limit`.
+pub fn mullion<S: AsRef<OsStr>>(args: &[S], limit: Duration) -> Outcome {
+    let started = Instant::now();
+    let mut process = Process::start(args);
+    let code = process.wait(limit);
+    Outcome { code, out: process.out.text(), err: process.err.text(), took: started.elapsed() }
+}
+
+/// A running `mullion`, killed when it is dropped; its lines are kept as they come.
+pub struct Process {
+    name: String,
+    child: Child,
+    pub out: Lines,
+    pub err: Lines,
+}
+
+impl Process {
+    pub fn start<S: AsRef<OsStr>>(args: &[S]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mullion"));
+        command.args(args).env_remove("MULLION_LOG").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().expect("the binary starts");
+        let out = Lines::of(child.stdout.take().expect("it is piped"));
+        let err = Lines::of(child.stderr.take().expect("it is piped"));
+        let name = args.iter().map(|a| a.as_ref().to_string_lossy()).collect::<Vec<_>>().join(" ");
+        Self { name, child, out, err }
+    }
+
+    /// Its exit code, `None` where a signal ended it; panics when it is not over within `limit`.
+    pub fn wait(&mut self, limit: Duration) -> Option<i32> {
+        let mut status = None;
+        self.until("its end", limit, |process| {
+            status = process.child.try_wait().expect("a child");
+            status.is_some()
+        });
+        self.out.join();
+        self.err.join();
+        status.and_then(|s| s.code())
+    }
+
+    /// Waits until `is_so`; panics with what the process printed when it is not within `limit`.
+    pub fn until(&mut self, what: &str, limit: Duration, mut is_so: impl FnMut(&mut Self) -> bool) {
+        let deadline = Instant::now() + limit;
+        while !is_so(self) {
+            let (out, err) = (self.out.text(), self.err.text());
+            assert!(Instant::now() < deadline, "mullion {}: no {what} within {limit:?}\n{out}{err}", self.name);
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// The first line that holds all of `words`, at or after line `from` of standard error, and its number.
+    pub fn error_line(&mut self, words: &[&str], from: usize, limit: Duration) -> (usize, String) {
+        let mut found = None;
+        self.until(&format!("line with {words:?}"), limit, |process| {
+            let lines = process.err.lines();
+            found = lines.into_iter().enumerate().skip(from).find(|(_, line)| words.iter().all(|w| line.contains(w)));
+            assert!(found.is_some() || process.is_running(), "it ended before {words:?}:\n{}", process.err.text());
+            found.is_some()
+        });
+        found.expect("it was just found")
+    }
+
+    pub fn is_running(&mut self) -> bool {
+        self.child.try_wait().expect("a child").is_none()
+    }
+
+    /// SIGKILL.
+    pub fn kill(&mut self) {
+        self.child.kill().expect("a child");
+        self.child.wait().expect("a child");
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill(); // over already
+        let _ = self.child.wait();
+    }
+}
+
+/// A stream's lines so far.
+pub struct Lines {
+    lines: Arc<Mutex<Vec<String>>>,
+    reader: Option<JoinHandle<()>>,
+}
+
+impl Lines {
+    fn of(stream: impl Read + Send + 'static) -> Self {
+        let lines = Arc::new(Mutex::new(Vec::new()));
+        let shared = Arc::clone(&lines);
+        let reader = std::thread::spawn(move || {
+            let mut stream = BufReader::new(stream);
+            let mut bytes = Vec::new();
+            while stream.read_until(b'\n', &mut bytes).is_ok_and(|n| n > 0) {
+                let line = String::from_utf8_lossy(&bytes).trim_end_matches('\n').to_owned();
+                shared.lock().expect("no panic in there").push(line);
+                bytes.clear();
+            }
+        });
+        Self { lines, reader: Some(reader) }
+    }
+
+    pub fn lines(&self) -> Vec<String> {
+        self.lines.lock().expect("no panic in there").clone()
+    }
+
+    pub fn text(&self) -> String {
+        self.lines().iter().map(|line| format!("{line}\n")).collect()
+    }
+
+    fn join(&mut self) {
+        self.reader.take().into_iter().for_each(|reader| reader.join().expect("it does not panic"));
+    }
+}
+
+/// Whether there is anything to draw with; says so where there is not.
+pub fn has_gpu() -> bool {
+    match mullion_client::gpu::Gpu::open(mullion_client::gpu::GpuOptions::default()) {
+        Ok(_) => true,
+        Err(error) => {
+            println!("skipped: {error}");
+            false
+        }
+    }
+}
+
+/// Where a `serve` listens, from what it prints.
+pub fn address_of(serve: &mut Process) -> String {
+    let mut address = None;
+    serve.until("address", Duration::from_secs(60), |process| {
+        let line = process.out.lines().into_iter().find(|line| line.starts_with("serving "));
+        address = line.and_then(|line| Some(line.rsplit_once(" on ")?.1.to_owned()));
+        assert!(address.is_some() || process.is_running(), "it ended early: {}", process.err.text());
+        address.is_some()
+    });
+    address.expect("it was just found")
 }

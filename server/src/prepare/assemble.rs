@@ -33,6 +33,7 @@ const MESHES_AT_A_TIME: usize = 256;
 pub fn prepare(source: SourceScene, options: &PrepareOptions, progress: ProgressFn<'_>) -> Result<Prepared, PrepareError> {
     let SourceScene { nodes, roots, mut meshes, materials, images, warnings } = source;
     let placed = place_objects(&nodes, &roots)?;
+    drop_unplaced(&mut meshes, &placed);
     let mut chunks = ChunkTable::default();
     let materials = convert_materials(&materials, &images, &mut chunks);
     drop(images);
@@ -125,6 +126,13 @@ fn place_objects(nodes: &[gltf::SourceNode], roots: &[u32]) -> Result<Vec<Placed
         open.extend(node.children.iter().rev().map(|c| (*c, Some(id))));
     }
     Ok(placed)
+}
+
+/// Empties the meshes that no object shows: dividing them would cost time and put chunks into the package that nobody asks for.
+fn drop_unplaced(meshes: &mut [SourceMesh], placed: &[Placed]) {
+    let mut is_placed = vec![false; meshes.len()];
+    placed.iter().filter_map(|o| o.mesh).for_each(|mesh| is_placed[mesh as usize] = true);
+    meshes.iter_mut().zip(is_placed).filter(|(_, placed)| !placed).for_each(|(mesh, _)| mesh.primitives = Vec::new());
 }
 
 /// The longest edge that stays whole in each mesh's local space, where its largest instance has `limit_m` metres.

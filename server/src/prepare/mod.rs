@@ -19,7 +19,7 @@ mod statistics;
 pub use assemble::prepare;
 pub use statistics::{SceneStatistics, scene_bounds, statistics};
 
-/// Told how far a stage has come: its name, steps done, steps in all.
+/// Told how far a stage has come: its name, steps done, steps in all. Called from several threads.
 pub type ProgressFn<'a> = &'a (dyn Fn(&'static str, u64, u64) + Sync);
 
 /// Greatest choice for [`PrepareOptions::max_leaf_triangles`]: every triangle may bring three vertices of its own,

@@ -111,6 +111,20 @@ pub type Cull = Box<dyn FnMut(&Pose, &mut [VisibleSet]) + Send>;
 /// Is told of every frame. Must be quick: the wall waits.
 pub type Observer = Box<dyn FnMut(&FrameReport) + Send>;
 
+/// A node comes or goes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum NodeEvent {
+    /// Its connection was greeted.
+    #[allow(missing_docs)]
+    Joined { node: String, address: SocketAddr },
+    /// Its connection is gone, for a reason of one line. The show goes on.
+    #[allow(missing_docs)]
+    Left { node: String, reason: String },
+}
+
+/// Is told of nodes that come and go. Must be quick: the wall waits.
+pub type NodeObserver = Box<dyn FnMut(&NodeEvent) + Send>;
+
 /// All that a show needs.
 pub struct Show {
     /// The wall.
@@ -123,8 +137,10 @@ pub struct Show {
     pub camera: Camera,
     /// What is seen.
     pub cull: Cull,
-    /// Who is told.
+    /// Who is told of frames.
     pub observer: Observer,
+    /// Who is told of nodes.
+    pub node_observer: NodeObserver,
     /// Turns true when the show is to end.
     pub stop: Option<watch::Receiver<bool>>,
 }
@@ -241,6 +257,8 @@ struct Link {
     address: SocketAddr,
     mailbox: Arc<Mailbox>,
     role: Option<oneshot::Sender<Role>>,
+    /// Whose control connection it is.
+    node: Option<String>,
 }
 
 struct Service {
@@ -324,7 +342,7 @@ impl Service {
         let peer = PeerId(self.next_peer);
         self.next_peer += 1;
         let mailbox = Arc::new(Mailbox::default());
-        self.links.insert(peer, Link { address, mailbox: Arc::clone(&mailbox), role: None });
+        self.links.insert(peer, Link { address, mailbox: Arc::clone(&mailbox), role: None, node: None });
         let (events, blobs, chunk_bytes) = (self.events.clone(), Arc::clone(&self.blobs), Arc::clone(&self.chunk_bytes));
         self.tasks.spawn(Connection { peer, mailbox, events, blobs, chunk_bytes }.run(stream));
         self.master.handle_connected(peer, self.now());
@@ -343,8 +361,10 @@ impl Service {
                 if let Some(link) = self.links.get_mut(&peer)
                     && let Some(role) = link.role.take()
                 {
-                    tracing::info!("{}: node {:?} joined", link.address, self.master.name_of(peer).unwrap_or_default());
                     let _ = role.send(Role::Control); // it ended meanwhile
+                    let node = self.master.name_of(peer).unwrap_or_default().to_owned();
+                    link.node = Some(node.clone());
+                    (self.show.node_observer)(&NodeEvent::Joined { node, address: link.address });
                 }
             }
             Event::Body { peer, body } => self.master.handle_body(peer, &body, now),
@@ -352,7 +372,7 @@ impl Service {
             Event::Ended { peer } => {
                 if let Some(link) = self.links.remove(&peer) {
                     tracing::info!("{}: connection ended ({})", link.address, self.master.name_of(peer).unwrap_or("unnamed"));
-                    link.mailbox.close();
+                    self.end(link, "connection lost");
                     self.master.handle_disconnected(peer, now);
                 }
             }
@@ -382,8 +402,7 @@ impl Service {
                     Ok(buffers) => buffers.into_iter().flatten().for_each(|buffer| self.master.recycle(buffer)),
                     Err(_) => {
                         tracing::warn!("{}: closed: it does not read", link.address);
-                        link.mailbox.close();
-                        self.links.remove(&peer);
+                        self.links.remove(&peer).into_iter().for_each(|link| self.end(link, "it does not read"));
                         self.master.handle_disconnected(peer, self.started.elapsed());
                     }
                 }
@@ -402,11 +421,21 @@ impl Service {
                 if let Some(role) = link.role.take() {
                     let _ = role.send(Role::Refused); // it ended meanwhile
                 }
-                link.mailbox.close();
+                if bye.code == ByeCode::EndOfShow {
+                    link.node = None; // everyone leaves at the end
+                }
+                self.end(link, &bye.reason);
             }
             Output::FrameReleased(released) => self.report_frame(released),
             Output::WantFrame { number } => self.wanted = Some(number),
             Output::Finished => self.is_finished = true,
+        }
+    }
+
+    fn end(&mut self, link: Link, reason: &str) {
+        link.mailbox.close();
+        if let Some(node) = link.node {
+            (self.show.node_observer)(&NodeEvent::Left { node, reason: reason.to_owned() });
         }
     }
 
@@ -445,7 +474,7 @@ impl Service {
         frame.frame_bytes.extend(self.master.frame_bytes());
         frame.chunk_bytes = self.chunk_bytes.load(Ordering::Relaxed);
         for node in &frame.passed_over {
-            tracing::warn!("frame {}: passed over node {:?}", frame.number, self.show.wall.nodes()[usize::from(node.0)].name);
+            tracing::info!("frame {}: passed over node {:?}", frame.number, self.show.wall.nodes()[usize::from(node.0)].name);
         }
         (self.show.observer)(frame);
     }

@@ -31,6 +31,7 @@ use self::error::{Fault, one_line, over_cap};
 use self::image::ImageTable;
 use self::material::UvSource;
 use self::validate::Asset;
+use super::ProgressFn;
 use glam::{DAffine3, Vec2, Vec3};
 use rayon::prelude::*;
 use std::path::Path;
@@ -42,9 +43,6 @@ pub const MAX_INSTANCED_TRIANGLES: u64 = u32::MAX as u64;
 pub const MAX_COORDINATE: f64 = 1e12;
 /// Most warnings kept; the rest are counted in a last one.
 pub const MAX_WARNINGS: usize = 100;
-
-/// Told about long work: stage, done, total. Called from several threads.
-pub type ProgressFn<'a> = &'a (dyn Fn(&'static str, u64, u64) + Sync);
 
 /// A scene as its file has it, checked: every index is in range, every number finite, the nodes a forest.
 #[derive(Debug, Default)]
@@ -211,11 +209,11 @@ pub enum SourceImage {
 /// # Errors
 /// Any breach of glTF 2.0 that would make the scene wrong or its reading unsafe, any required extension
 /// that is not read, any cap exceeded: one line in the error's `Display`.
-pub fn load(path: &Path, progress: ProgressFn) -> Result<SourceScene, ImportError> {
+pub fn load(path: &Path, progress: ProgressFn<'_>) -> Result<SourceScene, ImportError> {
     load_scene(path, progress).map_err(|kind| ImportError { file: one_line(path.display()), kind })
 }
 
-fn load_scene(path: &Path, progress: ProgressFn) -> Result<SourceScene, Fault> {
+fn load_scene(path: &Path, progress: ProgressFn<'_>) -> Result<SourceScene, Fault> {
     progress("reading", 0, 1);
     let mut container = Container::read(path)?;
     let mut warnings = std::mem::take(&mut container.warnings);
@@ -257,7 +255,7 @@ fn load_scene(path: &Path, progress: ProgressFn) -> Result<SourceScene, Fault> {
 fn decode_meshes(
     asset: &Asset,
     uvs: &[Option<UvSource>],
-    progress: ProgressFn,
+    progress: ProgressFn<'_>,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<SourceMesh>, Fault> {
     let total = asset.json.meshes.len() as u64;
