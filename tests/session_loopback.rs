@@ -189,6 +189,7 @@ fn play() -> Outcome {
             }
         }),
         observer: Box::new(observer),
+        node_observer: Box::new(|_| {}),
         stop: Some(stopped),
     };
     let service = thread::spawn(move || run_show(listener, show).unwrap());
@@ -250,6 +251,7 @@ fn what_the_master_refuses_for_good_is_an_error_at_once() {
         camera: Box::new(move |_| Pose { eyes: eyes.clone(), ..Pose::default() }),
         cull: Box::new(|_, _| {}),
         observer: Box::new(|_| {}),
+        node_observer: Box::new(|_| {}),
         stop: Some(stopped),
     };
     let service = thread::spawn(move || run_show(listener, show));
