@@ -4,4 +4,3 @@ mod chunks;
 mod culling;
 mod fixture;
 mod looks;
-mod measure;
