@@ -119,8 +119,8 @@ pub struct NodeReport {
 pub enum NodeError {
     #[error("the master refused: {0}")]
     Refused(Bye),
-    #[error("no connection to {master} for {seconds} s: {last}")]
-    Unreachable { master: String, seconds: u64, last: String },
+    #[error("no connection to {master} for {seconds:.1} s: {last}")]
+    Unreachable { master: String, seconds: f64, last: String },
     #[error("cannot draw: {0}")]
     Paint(String),
     #[error("cannot start the network: {0}")]
@@ -173,10 +173,13 @@ impl Easel<'_> {
     fn run(&mut self, inbox: &mut mpsc::Receiver<Event>, stats: &Mutex<Stats>) -> Result<(), NodeError> {
         while let Some(event) = inbox.blocking_recv() {
             let mut next = Some(event);
-            // All that has come in counts before anything is drawn: the newest frame wins.
+            let mut ending = None;
+            // All that has come in counts before anything is drawn: the newest frame wins. An end counts after what came
+            // before it was done: the last swap and the goodbye may well come together.
             while let Some(event) = next {
-                if let Event::Ended(result) = event {
-                    return result;
+                if matches!(event, Event::Disconnected | Event::Ended(_)) {
+                    ending = Some(event);
+                    break;
                 }
                 self.take(event);
                 next = inbox.try_recv().ok();
@@ -194,6 +197,11 @@ impl Easel<'_> {
             }
             if let Ok(mut stats) = stats.lock() {
                 *stats = self.session.stats();
+            }
+            match ending {
+                Some(Event::Ended(result)) => return result,
+                Some(event) => self.take(event),
+                None => {}
             }
         }
         Ok(())
@@ -322,7 +330,7 @@ impl Network {
                 End::Lost(reason) => reason,
             };
             if give_up_after.is_some_and(|limit| without.elapsed() >= limit) {
-                let (master, seconds) = (self.options.master.clone(), without.elapsed().as_secs());
+                let (master, seconds) = (self.options.master.clone(), without.elapsed().as_secs_f64());
                 return Err(NodeError::Unreachable { master, seconds, last });
             }
             if started.elapsed() >= GOOD_CONNECTION {
