@@ -35,6 +35,14 @@ pub fn open_wall(path: &Path) -> Result<Wall> {
     WallConfig::parse(&text).map_err(|error| anyhow!("{shown}: {error}"))
 }
 
+/// Creates the file that a report will go to, so that a long show does not end with nowhere to write it.
+pub fn claim(path: &Path) -> Result<()> {
+    if path == Path::new("-") {
+        return Ok(());
+    }
+    fs::File::create(path).map(drop).with_context(|| path.display().to_string())
+}
+
 /// Writes a value as JSON to a file, or to standard output for `-`.
 pub fn write_json(value: &impl Serialize, path: &Path) -> Result<()> {
     let mut text = serde_json::to_string_pretty(value)?;

@@ -34,7 +34,12 @@ impl Progress {
         self.bar.set_position(done);
     }
 
-    /// Prints a line above the bar.
+    /// Whether there is a bar to see: standard error is a terminal.
+    pub fn is_visible(&self) -> bool {
+        !self.bar.is_hidden()
+    }
+
+    /// Prints a line above the bar, or where it would be.
     pub fn line(&self, text: &str) {
         if self.bar.is_hidden() {
             eprintln!("{text}");

@@ -28,7 +28,7 @@ pub struct HowToPrepare {
           value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_LEAF_TRIANGLES)))]
     leaf_triangles: u32,
     /// Cut triangles with an edge longer than this, in metres: for floors that span the scene.
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, allow_negative_numbers = true, value_name = "METRES")]
     split_larger_than: Option<f64>,
 }
 

@@ -31,7 +31,7 @@ pub struct Options {
     #[arg(long)]
     fullscreen: bool,
     /// End when the master has been out of reach for so many seconds; try for ever if left out.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, allow_negative_numbers = true, value_name = "SECONDS")]
     give_up_after: Option<f64>,
 }
 

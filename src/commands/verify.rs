@@ -55,6 +55,7 @@ pub fn run(options: &Options) -> Result<()> {
         scenes.extend(scenes_in(folder)?);
     }
     ensure!(!scenes.is_empty(), "verify pixels: name scenes, or a folder of them with --models");
+    options.grids.iter().try_for_each(|grid| grid.wall().map(drop)).context("--grids")?;
     let gpu = Gpu::open(GpuOptions::default())?;
     println!("{}", gpu.describe());
     println!(
