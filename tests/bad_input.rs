@@ -9,6 +9,7 @@ use std::net::TcpListener;
 use std::path::Path;
 use std::time::Duration;
 
+use mullion_common::scene::Package;
 use support::{Process, mullion};
 use tempfile::TempDir;
 
@@ -123,7 +124,7 @@ fn the_good_files_are_good() {
 fn files_that_are_no_scenes() {
     let folder = Folder::new();
     refused_scene(&folder, &folder.path("absent.glb"), &["No such file"]);
-    refused_scene(&folder, &folder.path(""), &["directory"]);
+    refused_scene(&folder, &folder.path(""), &["not a regular file"]);
     let whole = glb(&triangle_gltf());
     refused_scene(&folder, &folder.write("short.glb", &whole[..whole.len() / 2]), &["bytes"]);
     refused_scene(&folder, &folder.write("header.glb", &whole[..10]), &[]);
@@ -163,6 +164,11 @@ fn packages_that_are_damaged() {
         let mut flipped = package.clone();
         flipped[package.len() * share / 8] ^= 0x10;
         refused_scene(&folder, &folder.write("flipped.mull", flipped), &[]);
+    }
+    for at in 0..package.len() {
+        let mut flipped = package.clone();
+        flipped[at] ^= 1 << (at % 8);
+        assert!(Package::read(&flipped).is_err(), "a flip in byte {at} goes unnoticed");
     }
     let mut other = package.clone();
     other[8] = 99; // the version stands after the magic
