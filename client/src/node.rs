@@ -129,7 +129,7 @@ pub enum NodeError {
 
 /// From the network to the painter's thread.
 enum Event {
-    Connected { control: mpsc::Sender<ToMaster>, wants: mpsc::Sender<Vec<(ChunkHash, u64)>> },
+    Connected { control: mpsc::Sender<ToMaster>, wants: Wants },
     Message(ToTile),
     Blob(ChunkHash, Vec<u8>),
     Absent(ChunkHash),
@@ -161,12 +161,15 @@ pub fn run(options: NodeOptions, painter: &mut dyn Painter) -> Result<NodeReport
     result.map(|()| report)
 }
 
+/// Where blobs are asked for: their hashes and sizes.
+type Wants = mpsc::Sender<Vec<(ChunkHash, u64)>>;
+
 /// The painter's side.
 struct Easel<'a> {
     session: TileSession,
     painter: &'a mut dyn Painter,
     report: NodeReport,
-    link: Option<(mpsc::Sender<ToMaster>, mpsc::Sender<Vec<(ChunkHash, u64)>>)>,
+    link: Option<(mpsc::Sender<ToMaster>, Wants)>,
 }
 
 impl Easel<'_> {
