@@ -6,6 +6,7 @@ mod composite;
 mod files;
 mod pixels;
 mod progress;
+mod say;
 mod show;
 
 use std::process::ExitCode;

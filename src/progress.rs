@@ -1,5 +1,6 @@
 //! Progress bars on standard error; silent where that is no terminal.
 
+use std::io::Write;
 use std::sync::Mutex;
 use std::time::Duration;
 
@@ -42,7 +43,7 @@ impl Progress {
     /// Prints a line above the bar, or where it would be.
     pub fn line(&self, text: &str) {
         if self.bar.is_hidden() {
-            eprintln!("{text}");
+            let _ = writeln!(std::io::stderr().lock(), "{text}"); // a show goes on without a log
         } else {
             self.bar.println(text);
         }

@@ -7,6 +7,7 @@ mod support;
 use std::fs;
 use std::net::TcpListener;
 use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 
 use mullion_common::scene::Package;
@@ -227,6 +228,22 @@ fn files_that_cannot_be_written() {
     refused(&["demo", "--scene", &scene, "--wall", &wall, "--out", &below_file], &[&below_file]);
     let serve = ["serve", &wall, &scene, "--listen", "127.0.0.1:0", "--frames", "1", "--report", &below_file];
     refused(&serve, &[&below_file]);
+}
+
+#[test]
+fn readers_that_have_had_enough() {
+    let folder = Folder::new();
+    let (scene, wall) = (folder.path("good.gltf"), folder.path("good.toml"));
+    for args in
+        [vec!["info", &scene], vec!["info", &scene, "--leaves", "-"], vec!["cull", &scene, "--wall", &wall, "--json", "-"]]
+    {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mullion"));
+        let done = command.args(&args).stdout(writer).output().expect("the binary starts");
+        let err = String::from_utf8_lossy(&done.stderr);
+        assert_eq!((done.status.code(), &*err), (Some(0), ""), "mullion {}", args.join(" "));
+    }
 }
 
 #[test]

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use mullion_server::generate::{GeneratedScene, write_glb};
 
+use crate::say::say;
+
 /// What to generate and where to.
 #[derive(clap::Args)]
 pub struct Options {
@@ -21,6 +23,6 @@ pub struct Options {
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     let report = write_glb(options.scene, options.seed, &options.out)?;
-    println!("{}: {} triangles, {} nodes, {} bytes", options.out.display(), report.triangles, report.nodes, report.bytes);
+    say!("{}: {} triangles, {} nodes, {} bytes", options.out.display(), report.triangles, report.nodes, report.bytes);
     Ok(())
 }

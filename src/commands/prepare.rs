@@ -7,6 +7,7 @@ use anyhow::{Result, ensure};
 use mullion_server::prepare::{MAX_LEAF_TRIANGLES, PrepareOptions, statistics, write_package};
 
 use crate::files::open_scene;
+use crate::say::say;
 
 /// What to prepare, where to and how.
 #[derive(clap::Args)]
@@ -51,7 +52,7 @@ pub fn run(options: &Options) -> Result<()> {
     let package = open_scene(&options.scene, &options.how.options()?)?;
     write_package(&package, &options.out)?;
     let s = statistics(&package);
-    println!(
+    say!(
         "{}: {} leaves, {} triangles ({} unique) in {} chunks, {:.1} s",
         options.out.display(),
         s.leaves,

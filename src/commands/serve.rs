@@ -13,6 +13,7 @@ use super::prepare::HowToPrepare;
 use crate::camera::Orbit;
 use crate::files::{claim, open_scene, open_wall, write_json};
 use crate::progress::Progress;
+use crate::say::say;
 use crate::show::{self, Record};
 
 /// Port that masters listen on and tiles look for.
@@ -72,8 +73,8 @@ pub fn run(options: &Options) -> Result<()> {
     if !address.ip().is_loopback() {
         eprintln!("warning: {address} takes any node that knows a name of the wall: keep it on a network of its own");
     }
-    println!("serving {} to wall {} on {address}", options.scene.display(), wall.name());
-    println!("start a tile with:  mullion tile {} --master {address}", wall.nodes()[0].name);
+    say!("serving {} to wall {} on {address}", options.scene.display(), wall.name());
+    say!("start a tile with:  mullion tile {} --master {address}", wall.nodes()[0].name);
 
     let mut show_options = ShowOptions::for_wall(&wall);
     if options.wait > 0.0 {

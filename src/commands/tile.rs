@@ -11,6 +11,7 @@ use mullion_client::node::{self, NodeOptions, NodeReport, Reconnect};
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 
 use super::serve::DEFAULT_PORT;
+use crate::say::say;
 use crate::show::stop_on_interrupt;
 
 /// Which node to be, of which master, and where pictures go.
@@ -57,7 +58,7 @@ pub fn run(options: &Options) -> Result<()> {
         }
         None => run_in_window(options, node_options)?,
     };
-    println!("{}: {} frames drawn, {} shown, {} bytes of scene", options.name, report.drawn, report.shown, report.blob_bytes);
+    say!("{}: {} frames drawn, {} shown, {} bytes of scene", options.name, report.drawn, report.shown, report.blob_bytes);
     Ok(())
 }
 
