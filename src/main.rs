@@ -81,14 +81,14 @@ fn main() -> ExitCode {
     }
 }
 
-/// What clap says of wrong arguments, without the usage that it adds.
+/// What clap says of wrong arguments, without the usage that it adds and the tip to pass options as values.
 fn in_one_line(message: &str) -> String {
     let mut line = String::new();
     let told = message.lines().take_while(|l| !l.starts_with("Usage:") && !l.starts_with("For more information"));
-    for part in told.map(|l| l.trim().trim_start_matches("error: ")).filter(|l| !l.is_empty()) {
+    for part in told.map(|l| l.trim().trim_start_matches("error: ")).filter(|l| !l.is_empty() && !l.contains("as a value, use")) {
         line.push_str(if line.is_empty() || line.ends_with(':') { "" } else { ";" });
         line.push_str(if line.is_empty() { "" } else { " " });
         line.push_str(part);
     }
-    line
+    line + " (--help tells more)"
 }

@@ -22,7 +22,7 @@ pub struct Options {
     /// Package, glTF or GLB file.
     scene: PathBuf,
     /// Wall file.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     wall: PathBuf,
     /// The observer's eye in the room, metres; the wall file's if left out.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]

@@ -34,7 +34,7 @@ use crate::show::{self, Record};
 #[derive(clap::Args)]
 pub struct Options {
     /// Columns and rows of the wall.
-    #[arg(long, default_value = "4x4", value_parser = Grid::parse, conflicts_with = "wall")]
+    #[arg(long, value_name = "COLUMNSxROWS", default_value = "4x4", value_parser = Grid::parse, conflicts_with = "wall")]
     grid: Grid,
     /// A wall file instead of a grid.
     #[arg(long, value_name = "FILE")]

@@ -13,7 +13,7 @@ pub struct Options {
     /// Name of the scene: city.
     scene: GeneratedScene,
     /// The GLB file to write.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Another seed gives another scene; the same seed gives the same bytes.
     #[arg(long, default_value_t = 1)]

@@ -15,7 +15,7 @@ pub struct Options {
     /// glTF or GLB file.
     scene: PathBuf,
     /// The package to write.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]
     how: HowToPrepare,

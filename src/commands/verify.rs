@@ -33,7 +33,7 @@ struct PixelOptions {
     #[arg(long, value_name = "DIR")]
     models: Option<PathBuf>,
     /// Walls of the same size divided into so many tiles.
-    #[arg(long, value_delimiter = ',', default_value = "1x1,2x2,3x2,4x4", value_parser = Grid::parse)]
+    #[arg(long, value_name = "COLUMNSxROWS", value_delimiter = ',', default_value = "1x1,2x2,3x2,4x4", value_parser = Grid::parse)]
     grids: Vec<Grid>,
     /// How to cull.
     #[arg(long, default_value = "adaptive")]
