@@ -29,8 +29,8 @@ fn facing(back: DVec3) -> DMat3 {
 /// A walk round a scene that ends closer to it, with the whole of it in view at the start.
 pub struct Orbit {
     center: DVec3,
+    size: DVec3,
     radius_m: f64,
-    height_m: f64,
     /// Metres of the world in a metre of the room: below 1 for scenes smaller than a person.
     scale: f64,
     eye_in_room: DVec3,
@@ -45,8 +45,8 @@ impl Orbit {
         let radius_m = (size.length() * 0.5).max(1e-3);
         Self {
             center: middle.center(),
+            size,
             radius_m,
-            height_m: size.y,
             scale: (radius_m / 2.0).min(1.0),
             eye_in_room: wall.default_eyes().first().copied().unwrap_or_default(),
             frames,
@@ -56,6 +56,11 @@ impl Orbit {
     /// What the walk goes round.
     pub fn center(&self) -> DVec3 {
         self.center
+    }
+
+    /// Width, height and depth of what fills most of the scene, metres.
+    pub fn size(&self) -> DVec3 {
+        self.size
     }
 
     /// Metres of the world in a metre of the room.
@@ -72,9 +77,14 @@ impl Orbit {
     fn at(&self, share: f64) -> DAffine3 {
         const START: f64 = -0.9;
         const TURN: f64 = 0.9;
+        let mix = |from: f64, to: f64, share: f64| from + (to - from) * share;
+        // A city is walked into; a statue is walked round.
+        let flatness = self.size.y / self.size.x.max(self.size.z).max(f64::MIN_POSITIVE);
+        let compact = ((flatness - 0.2) / 0.2).clamp(0.0, 1.0);
+        let (first, last) = (mix(1.7, 4.2, compact), mix(0.95, 3.0, compact));
+        let distance_m = self.radius_m * mix(first, last, share);
+        let height_m = distance_m * mix(mix(0.47, 0.3, compact), mix(0.38, 0.2, compact), share);
         let angle = START + TURN * share;
-        let distance_m = self.radius_m * (1.7 - 1.0 * share);
-        let height_m = self.radius_m * (0.8 - 0.42 * share) + self.height_m * 0.1;
         let eye = self.center + DVec3::new(angle.sin() * distance_m, height_m, angle.cos() * distance_m);
         let matrix3 = facing((eye - self.center).normalize()) * self.scale;
         DAffine3 { matrix3, translation: eye - matrix3 * self.eye_in_room }

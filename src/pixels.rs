@@ -164,7 +164,7 @@ pub fn verify(
     Ok(verdict)
 }
 
-/// From outside with all in view, from close with the eye far off the wall's axis, from the middle of the scene, and from the
+/// From outside with all in view, from close with the eye far off the wall's axis, from inside the scene, and from the
 /// middle of a leaf.
 fn poses(package: &Package, wall: &Wall) -> Vec<Pose> {
     let front = wall.default_eyes()[0];
@@ -179,13 +179,15 @@ fn poses(package: &Package, wall: &Wall) -> Vec<Pose> {
     };
     let start = orbit.pose(0);
     let near = orbit.pose(9).transform_point3(front);
+    // Not the very middle, where symmetric models have planes that pass through the eye.
+    let inside = orbit.center() + orbit.size() * DVec3::new(0.07, 0.11, -0.05);
     let nodes = package.scene.hierarchy.nodes();
     let leaf = nodes.iter().filter(|n| n.leaves.len() == 1).nth(package.scene.leaf_count() as usize / 5);
     let leaf = leaf.map_or(orbit.center(), |n| n.bound.center);
     vec![
         Pose { name: "outside", eye: front, world_from_room: start },
         pose("aside", aside, near, orbit.center()),
-        pose("middle", front, orbit.center(), leaf),
+        pose("inside", front, inside, leaf),
         pose("leaf", aside, leaf, orbit.center()),
     ]
 }

@@ -112,8 +112,17 @@ impl Painter for GpuPainter {
         Ok(())
     }
 
-    fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<(), PaintError> {
-        self.scene()?.renderer.upload(chunk, bytes).map(|_| ()).map_err(failed)
+    fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
+        // A chunk that cannot be read costs its own leaves, not the tile: it is left out, or drawn as a checker.
+        Ok(self.scene()?.renderer.upload(chunk, bytes).unwrap_or_else(|error| {
+            tracing::warn!("chunk {}: {error}", chunk.0);
+            bytes.len() as u64
+        }))
+    }
+
+    fn evict(&mut self, chunk: ChunkId) -> Result<(), PaintError> {
+        self.scene()?.renderer.evict(chunk);
+        Ok(())
     }
 
     fn set_transform(&mut self, moved: &Moved) -> Result<(), PaintError> {

@@ -34,11 +34,16 @@ pub trait Painter {
     /// # Errors
     /// See [`PaintError`].
     fn open_scene(&mut self, manifest: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError>;
-    /// Take a chunk's bytes, which bear the chunk's hash.
+    /// Take a chunk's bytes, which bear the chunk's hash. Gives how many bytes it takes now.
     ///
     /// # Errors
     /// See [`PaintError`].
-    fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<(), PaintError>;
+    fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<u64, PaintError>;
+    /// Forget a chunk.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn evict(&mut self, chunk: ChunkId) -> Result<(), PaintError>;
     /// An object has another place from the next frame on.
     ///
     /// # Errors
@@ -94,11 +99,16 @@ pub struct NodeOptions {
     pub node: String,
     /// What proves it.
     pub credentials: Option<Vec<u8>>,
+    /// What chunks may take on the GPU before those that were not needed for longest go.
+    pub memory_bytes: u64,
     /// When to try again.
     pub reconnect: Reconnect,
     /// Turns true when the node is to stop.
     pub stop: Option<watch::Receiver<bool>>,
 }
+
+/// A choice for [`NodeOptions::memory_bytes`] that leaves room on common GPUs.
+pub const DEFAULT_MEMORY_BYTES: u64 = 4 << 30;
 
 /// What a node did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -127,9 +137,12 @@ pub enum NodeError {
     Start(#[from] io::Error),
 }
 
+/// Names and lengths of blobs, in order of need.
+type Wanted = Vec<(ChunkHash, u64)>;
+
 /// From the network to the painter's thread.
 enum Event {
-    Connected { control: mpsc::Sender<ToMaster>, wants: Wants },
+    Connected { control: mpsc::Sender<ToMaster>, wants: mpsc::Sender<Wanted> },
     Message(ToTile),
     Blob(ChunkHash, Vec<u8>),
     Absent(ChunkHash),
@@ -146,12 +159,12 @@ pub fn run(options: NodeOptions, painter: &mut dyn Painter) -> Result<NodeReport
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (events, mut inbox) = mpsc::channel(MAX_EVENTS);
     let stats = Arc::new(Mutex::new(Stats::default()));
-    let session = TileSession::new(options.node.clone(), options.credentials.clone());
+    let session = TileSession::new(options.node.clone(), options.credentials.clone(), options.memory_bytes);
     let mut easel = Easel { session, painter, report: NodeReport::default(), link: None };
     let network = Network { hello: Opening::Control(easel.session.hello()), options, events, stats: Arc::clone(&stats) };
     let thread = thread::Builder::new().name("mullion-network".into()).spawn(move || runtime.block_on(network.run()))?;
     let result = easel.run(&mut inbox, &stats);
-    // Without an inbox and a link the network thread ends as soon as what is queued is written.
+    // Without an inbox and a link, in this order, the network thread ends as soon as what is queued is written.
     drop(inbox);
     easel.link = None;
     let report = easel.report;
@@ -161,53 +174,59 @@ pub fn run(options: NodeOptions, painter: &mut dyn Painter) -> Result<NodeReport
     result.map(|()| report)
 }
 
-/// Where blobs are asked for: their hashes and sizes.
-type Wants = mpsc::Sender<Vec<(ChunkHash, u64)>>;
-
 /// The painter's side.
 struct Easel<'a> {
     session: TileSession,
     painter: &'a mut dyn Painter,
     report: NodeReport,
-    link: Option<(mpsc::Sender<ToMaster>, Wants)>,
+    link: Option<(mpsc::Sender<ToMaster>, mpsc::Sender<Wanted>)>,
 }
 
 impl Easel<'_> {
     fn run(&mut self, inbox: &mut mpsc::Receiver<Event>, stats: &Mutex<Stats>) -> Result<(), NodeError> {
-        while let Some(event) = inbox.blocking_recv() {
-            let mut next = Some(event);
-            let mut ending = None;
-            // All that has come in counts before anything is drawn: the newest frame wins. An end counts after what came
-            // before it was done: the last swap and the goodbye may well come together.
-            while let Some(event) = next {
-                if matches!(event, Event::Disconnected | Event::Ended(_)) {
-                    ending = Some(event);
-                    break;
-                }
-                self.take(event);
-                next = inbox.try_recv().ok();
-            }
-            match self.act() {
+        loop {
+            let acted = match self.take_all(inbox) {
+                Ok(None) => self.act(),
+                Ok(Some(end)) => return end,
+                Err(error) => Err(error),
+            };
+            match acted {
                 Ok(()) => {}
                 Err(PaintError::Closed) => {
-                    self.say_goodbye(Bye::new(ByeCode::Leaving, "closed"));
+                    self.say(ToMaster::Bye(Bye::new(ByeCode::Leaving, "closed")));
                     return Ok(());
                 }
                 Err(PaintError::Failed(reason)) => {
-                    self.say_goodbye(Bye::new(ByeCode::Failed, reason.as_str()));
+                    self.say(ToMaster::Bye(Bye::new(ByeCode::Failed, reason.as_str())));
                     return Err(NodeError::Paint(reason));
                 }
             }
             if let Ok(mut stats) = stats.lock() {
                 *stats = self.session.stats();
             }
-            match ending {
-                Some(Event::Ended(result)) => return result,
-                Some(event) => self.take(event),
-                None => {}
-            }
         }
-        Ok(())
+    }
+
+    /// Waits for an event and takes all that have come in before anything is drawn: the newest frame wins. Gives the
+    /// node's end, if it has come.
+    fn take_all(&mut self, inbox: &mut mpsc::Receiver<Event>) -> Result<Option<Result<(), NodeError>>, PaintError> {
+        let mut next = inbox.blocking_recv();
+        if next.is_none() {
+            return Ok(Some(Ok(())));
+        }
+        while let Some(event) = next {
+            match event {
+                // What the master said before the end still counts: the last frame's swap comes just before it.
+                Event::Disconnected | Event::Ended(_) => self.act()?,
+                _ => {}
+            }
+            match event {
+                Event::Ended(end) => return Ok(Some(end)),
+                event => self.take(event),
+            }
+            next = inbox.try_recv().ok();
+        }
+        Ok(None)
     }
 
     fn take(&mut self, event: Event) {
@@ -243,7 +262,11 @@ impl Easel<'_> {
                     }
                 }
                 Action::OpenScene(manifest, views) => self.painter.open_scene(&manifest, &views)?,
-                Action::Upload { chunk, bytes } => self.painter.upload(chunk, &bytes)?,
+                Action::Upload { chunk, bytes } => {
+                    let taken = self.painter.upload(chunk, &bytes)?;
+                    self.session.uploaded(chunk, taken);
+                }
+                Action::Evict(chunk) => self.painter.evict(chunk)?,
                 Action::SetTransform(moved) => self.painter.set_transform(&moved)?,
                 Action::Draw(frame) => {
                     let stats = self.painter.draw(&frame)?;
@@ -257,7 +280,7 @@ impl Easel<'_> {
                 Action::Close { bye, by } => {
                     if by == EndedBy::Node {
                         tracing::warn!("leaving the master: {bye}");
-                        self.say_goodbye(bye);
+                        self.say(ToMaster::Bye(bye));
                     }
                     self.link = None;
                 }
@@ -272,11 +295,6 @@ impl Easel<'_> {
         {
             self.link = None;
         }
-    }
-
-    fn say_goodbye(&mut self, bye: Bye) {
-        self.say(ToMaster::Bye(bye));
-        self.link = None;
     }
 }
 
@@ -340,7 +358,10 @@ impl Network {
                 pause = first;
             }
             tracing::info!("no connection to {}: {last}; trying again in {} ms", self.options.master, pause.as_millis());
-            tokio::time::sleep(pause).await;
+            tokio::select! {
+                () = tokio::time::sleep(pause) => {}
+                () = self.events.closed() => return Ok(()),
+            }
             pause = (pause * 2).min(longest);
         }
     }
@@ -389,6 +410,7 @@ impl Network {
                 _ => {}
             }
             if self.events.send(Event::Message(message)).await.is_err() {
+                tokio::time::sleep(ALIVE_EVERY).await; // the writer has this side's goodbye to send, and ends this
                 return End::NobodyThere;
             }
         }
@@ -404,7 +426,8 @@ impl Network {
                     Some(message) => message,
                     None => {
                         let _ = writer.shutdown().await; // the connection ends either way
-                        return End::Lost("this side ended the connection".into());
+                        let is_over = self.events.is_closed();
+                        return if is_over { End::NobodyThere } else { End::Lost("this side ended the connection".into()) };
                     }
                 },
                 _ = beat.tick() => ToMaster::Stats(self.stats.lock().map(|s| *s).unwrap_or_default()),
@@ -415,7 +438,7 @@ impl Network {
         }
     }
 
-    async fn fetch_chunks(&self, session: oneshot::Receiver<u64>, wanted: mpsc::Receiver<Vec<(ChunkHash, u64)>>) -> End {
+    async fn fetch_chunks(&self, session: oneshot::Receiver<u64>, wanted: mpsc::Receiver<Wanted>) -> End {
         let Ok(session) = session.await else { return std::future::pending().await };
         let (reader, mut writer) = match connect(&self.options.master).await {
             Ok(stream) => stream.into_split(),
@@ -458,7 +481,7 @@ impl Network {
                 Err(error) => return End::Lost(format!("chunk connection: {error}")),
             };
             if self.events.send(event).await.is_err() {
-                return End::NobodyThere;
+                return std::future::pending().await; // the control connection decides how this ends
             }
         }
     }
@@ -473,11 +496,7 @@ async fn after_the_last_word(half: impl Future<Output = End>) -> End {
     end
 }
 
-async fn write_wants(
-    mut writer: OwnedWriteHalf,
-    mut wanted: mpsc::Receiver<Vec<(ChunkHash, u64)>>,
-    assembly: &Mutex<Assembly>,
-) -> End {
+async fn write_wants(mut writer: OwnedWriteHalf, mut wanted: mpsc::Receiver<Wanted>, assembly: &Mutex<Assembly>) -> End {
     let mut buffer = Vec::new();
     while let Some(blobs) = wanted.recv().await {
         let expected = locked(assembly, |a| blobs.iter().try_for_each(|(hash, length)| a.expect(*hash, *length)));

@@ -1,6 +1,7 @@
 //! Which chunks the views need, which of them are missing, and which may go when memory runs short. Pure.
 
-use mullion_common::scene::{ChunkId, SceneManifest};
+use glam::DVec3;
+use mullion_common::scene::{ChunkId, SceneManifest, Transform};
 use mullion_common::visible_set::VisibleSet;
 
 /// What is known of one chunk.
@@ -10,6 +11,8 @@ struct Entry {
     bytes: Option<u64>,
     /// The last frame that needed it; 0 for never.
     needed_in: u64,
+    /// The last frame whose missing chunks it was among.
+    listed_in: u64,
 }
 
 /// Keeps account of chunks: needed, resident, to be evicted.
@@ -18,8 +21,10 @@ pub struct Residency {
     entries: Vec<Entry>,
     cap_bytes: u64,
     resident_bytes: u64,
+    resident_count: usize,
     frame: u64,
-    needed: Vec<ChunkId>,
+    /// Leaves that lack a chunk, by their squared distance from the eye.
+    lacking: Vec<(f64, u32)>,
 }
 
 impl Residency {
@@ -28,41 +33,56 @@ impl Residency {
     /// `cap_bytes`: what resident chunks may take. Too low a cap for what one frame needs is exceeded, not obeyed:
     /// see [`Residency::evict`].
     pub fn new(chunk_count: usize, cap_bytes: u64) -> Self {
-        Self { entries: vec![Entry::default(); chunk_count], cap_bytes, resident_bytes: 0, frame: 0, needed: Vec::new() }
+        Self {
+            entries: vec![Entry::default(); chunk_count],
+            cap_bytes,
+            resident_bytes: 0,
+            resident_count: 0,
+            frame: 0,
+            lacking: Vec::new(),
+        }
     }
 
-    /// Starts a frame that draws these sets: finds the chunks that it needs, in the order of first need. Of each leaf
-    /// the geometry, then the texture. Leaves past the table are ignored.
-    pub fn begin_frame<'a>(&mut self, manifest: &SceneManifest, visible: impl IntoIterator<Item = &'a VisibleSet>) {
+    /// Starts a frame that draws these sets, and finds the chunks that it lacks, each once, those needed most in front:
+    /// leaves by their distance from `eye` (world space, metres), of each leaf the geometry, then the texture.
+    ///
+    /// `transforms` are the objects' newest, by `ObjectId`. All leaves must be in the manifest.
+    pub fn begin_frame<'a>(
+        &mut self,
+        manifest: &SceneManifest,
+        transforms: &[Transform],
+        sets: impl Iterator<Item = &'a VisibleSet>,
+        eye: DVec3,
+        missing: &mut Vec<ChunkId>,
+    ) {
         self.frame += 1;
-        self.needed.clear();
-        let leaf_count = manifest.leaves.len() as u32;
-        for set in visible {
-            for leaf in set.leaves().take_while(|&leaf| leaf < leaf_count) {
+        self.lacking.clear();
+        for leaf in sets.flat_map(VisibleSet::leaves) {
+            let chunks = chunks_of(manifest, leaf);
+            let mut lacks = false;
+            for chunk in chunks.into_iter().flatten() {
+                let entry = &mut self.entries[chunk.0 as usize];
+                entry.needed_in = self.frame;
+                lacks |= entry.bytes.is_none();
+            }
+            if lacks {
                 let record = &manifest.leaves[leaf as usize];
-                self.need(record.chunk);
-                if let Some(texture) = manifest.materials[record.material.0 as usize].texture {
-                    self.need(texture.chunk);
+                let middle = record.local_aabb().center();
+                let place = transforms[record.object.0 as usize].affine().transform_point3(middle);
+                self.lacking.push((place.distance_squared(eye), leaf));
+            }
+        }
+        self.lacking.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        missing.clear();
+        for (_, leaf) in &self.lacking {
+            for chunk in chunks_of(manifest, *leaf).into_iter().flatten() {
+                let entry = &mut self.entries[chunk.0 as usize];
+                if entry.bytes.is_none() && entry.listed_in != self.frame {
+                    entry.listed_in = self.frame;
+                    missing.push(chunk);
                 }
             }
         }
-    }
-
-    fn need(&mut self, chunk: ChunkId) {
-        let entry = &mut self.entries[chunk.0 as usize];
-        if std::mem::replace(&mut entry.needed_in, self.frame) != self.frame {
-            self.needed.push(chunk);
-        }
-    }
-
-    /// All chunks that the frame needs, each once, in need order.
-    pub fn needed(&self) -> &[ChunkId] {
-        &self.needed
-    }
-
-    /// The needed chunks that are not resident, in need order.
-    pub fn missing(&self) -> impl Iterator<Item = ChunkId> + '_ {
-        self.needed.iter().copied().filter(|&chunk| !self.is_resident(chunk))
     }
 
     /// Whether the chunk is resident. False for a chunk that the scene does not have.
@@ -74,6 +94,7 @@ impl Residency {
     pub fn loaded(&mut self, chunk: ChunkId, bytes: u64) {
         let Some(entry) = self.entries.get_mut(chunk.0 as usize) else { return };
         self.resident_bytes = self.resident_bytes - entry.bytes.unwrap_or(0) + bytes;
+        self.resident_count += usize::from(entry.bytes.is_none());
         entry.bytes = Some(bytes);
     }
 
@@ -94,6 +115,7 @@ impl Residency {
                 break;
             }
             self.resident_bytes -= self.entries[chunk.0 as usize].bytes.take().unwrap_or(0);
+            self.resident_count -= 1;
         }
         out.truncate(kept);
     }
@@ -102,6 +124,17 @@ impl Residency {
     pub fn resident_bytes(&self) -> u64 {
         self.resident_bytes
     }
+
+    /// How many chunks are resident.
+    pub fn resident_count(&self) -> usize {
+        self.resident_count
+    }
+}
+
+/// A leaf's geometry and its texture.
+fn chunks_of(manifest: &SceneManifest, leaf: u32) -> [Option<ChunkId>; 2] {
+    let record = &manifest.leaves[leaf as usize];
+    [Some(record.chunk), manifest.materials[record.material.0 as usize].texture.map(|t| t.chunk)]
 }
 
 #[cfg(test)]
@@ -138,15 +171,25 @@ mod tests {
         numbers.iter().copied().map(ChunkId).collect()
     }
 
+    fn lacks(residency: &mut Residency, scene: &SceneManifest, sets: &[&VisibleSet]) -> Vec<ChunkId> {
+        let mut missing = Vec::new();
+        residency.begin_frame(scene, &scene.transforms, sets.iter().copied(), DVec3::ZERO, &mut missing);
+        missing
+    }
+
     #[test]
-    fn chunks_are_needed_once_in_the_order_of_leaves() {
-        let (scene, mut residency) = (manifest(), Residency::new(5, 100));
-        let (near, far) = (VisibleSet::from_ranges([LeafRange::new(2, 5)]), VisibleSet::all(20));
-        residency.begin_frame(&scene, [&near, &far]);
-        assert_eq!(residency.needed(), ids(&[2, 4, 1, 3, 0]));
+    fn what_is_missing_is_listed_once_and_the_nearest_first() {
+        let (mut scene, mut residency) = (manifest(), Residency::new(5, 100));
+        let (some, all) = (VisibleSet::from_ranges([LeafRange::new(2, 5)]), VisibleSet::all(8));
+        assert_eq!(lacks(&mut residency, &scene, &[&some, &all]), ids(&[3, 4, 2, 1, 0]), "at one place, by leaf");
+        scene.leaves[6].local_max = [-1.0, -2.0, -3.0];
+        scene.leaves[6].local_min = [0.0; 3];
+        scene.leaves[5].local_max = [0.5, 0.0, 0.0];
+        assert_eq!(lacks(&mut residency, &scene, &[&some, &all]), ids(&[1, 4, 3, 2, 0]), "leaf 5 is nearest");
         residency.loaded(ChunkId(4), 10);
         residency.loaded(ChunkId(3), 10);
-        assert_eq!(residency.missing().collect::<Vec<_>>(), ids(&[2, 1, 0]));
+        assert_eq!(lacks(&mut residency, &scene, &[&some, &all]), ids(&[1, 2, 0]));
+        assert_eq!(residency.resident_count(), 2);
     }
 
     #[test]
@@ -155,8 +198,7 @@ mod tests {
         let frames = [(6, 7), (2, 4), (0, 2)].map(|(start, end)| VisibleSet::from_ranges([LeafRange::new(start, end)]));
         let mut gone = Vec::new();
         for set in &frames {
-            residency.begin_frame(&scene, [set]);
-            for chunk in residency.missing().collect::<Vec<_>>() {
+            for chunk in lacks(&mut residency, &scene, &[set]) {
                 residency.loaded(chunk, 40);
             }
         }
@@ -176,15 +218,16 @@ mod tests {
             let (scene, mut residency) = (manifest(), Residency::new(5, 100));
             let mut gone = Vec::new();
             for (start, len, bytes) in frames {
-                let set = VisibleSet::from_ranges([LeafRange::new(start, start + len)]);
-                residency.begin_frame(&scene, [&set]);
-                for chunk in residency.missing().collect::<Vec<_>>() {
+                let set = VisibleSet::from_ranges([LeafRange::new(start, (start + len).min(8))]);
+                for chunk in lacks(&mut residency, &scene, &[&set]) {
                     residency.loaded(chunk, bytes);
                 }
                 residency.evict(&mut gone);
-                prop_assert!(residency.missing().next().is_none());
-                let idle = (0..5).map(ChunkId).filter(|c| residency.is_resident(*c) && !residency.needed().contains(c));
+                prop_assert!(lacks(&mut residency, &scene, &[&set]).is_empty(), "what is needed stays");
+                let needed: Vec<_> = set.leaves().flat_map(|leaf| chunks_of(&scene, leaf)).flatten().collect();
+                let idle = (0..5).map(ChunkId).filter(|c| residency.is_resident(*c) && !needed.contains(c));
                 prop_assert!(residency.resident_bytes() <= 100 || idle.count() == 0);
+                prop_assert_eq!(residency.resident_count(), (0..5).filter(|c| residency.is_resident(ChunkId(*c))).count());
             }
         }
     }

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, anyhow};
 use image::RgbaImage;
 use mullion_client::gpu::{Gpu, GpuOptions, TileRect};
 use mullion_client::gpu_painter::{GpuPainter, Output};
-use mullion_client::node::{self, NodeError, NodeOptions, NodeReport, Reconnect};
+use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, Reconnect};
 use mullion_client::output::headless::write_png;
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 use mullion_common::scene::Package;
@@ -192,7 +192,8 @@ fn start_node(
     stopped: watch::Receiver<bool>,
 ) -> NodeThread {
     let reconnect = Reconnect { give_up_after: Some(START_WAIT), ..Reconnect::default() };
-    let options = NodeOptions { master, node: name, credentials: None, reconnect, stop: Some(stopped) };
+    let options =
+        NodeOptions { master, node: name, credentials: None, memory_bytes: DEFAULT_MEMORY_BYTES, reconnect, stop: Some(stopped) };
     std::thread::spawn(move || {
         let result = node::run(options, &mut painter);
         if result.is_err() {

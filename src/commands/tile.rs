@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::{Result, anyhow, ensure};
 use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
-use mullion_client::node::{self, NodeOptions, NodeReport, Reconnect};
+use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, Reconnect};
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 
 use super::serve::DEFAULT_PORT;
@@ -31,6 +31,10 @@ pub struct Options {
     /// Cover the whole screen.
     #[arg(long)]
     fullscreen: bool,
+    /// What geometry and textures may take on the GPU, MiB; what was not in view for longest goes first.
+    #[arg(long, value_name = "MIB", default_value_t = DEFAULT_MEMORY_BYTES >> 20,
+          value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    memory_mib: u64,
     /// End when the master has been out of reach for so many seconds; try for ever if left out.
     #[arg(long, allow_negative_numbers = true, value_name = "SECONDS")]
     give_up_after: Option<f64>,
@@ -45,6 +49,7 @@ pub fn run(options: &Options) -> Result<()> {
         master: with_port(&options.master),
         node: options.name.clone(),
         credentials: None,
+        memory_bytes: options.memory_mib << 20,
         reconnect,
         stop: Some(stop_on_interrupt()?),
     };

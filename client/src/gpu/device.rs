@@ -78,6 +78,8 @@ pub struct Gpu {
     pub(super) queue: wgpu::Queue,
     /// Whether draws can be taken from a buffer, many at a time.
     pub(super) indirect: bool,
+    /// Whether a shader that writes depth may promise which way it moves it.
+    pub(super) early_depth: bool,
     /// Read while work is submitted, written while a surface changes: a surface waits for an idle GPU, and gives up
     /// when other threads keep it busy.
     submitting: RwLock<()>,
@@ -104,7 +106,8 @@ impl Gpu {
 
         let indirect = device.features().contains(wgpu::Features::INDIRECT_FIRST_INSTANCE)
             && adapter.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::INDIRECT_EXECUTION);
-        Ok(Arc::new(Self { instance, adapter, device, queue, indirect, submitting: RwLock::new(()), faults }))
+        let early_depth = device.features().contains(wgpu::Features::SHADER_EARLY_DEPTH_TEST);
+        Ok(Arc::new(Self { instance, adapter, device, queue, indirect, early_depth, submitting: RwLock::new(()), faults }))
     }
 
     /// The GPU, its interface and its driver, as `llvmpipe (LLVM 15.0.6, 256 bits), Vulkan, Mesa 22.3.6`.
@@ -184,7 +187,8 @@ fn rank(info: &wgpu::AdapterInfo) -> (u8, u8) {
 fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("mullion"),
-        required_features: adapter.features() & wgpu::Features::INDIRECT_FIRST_INSTANCE,
+        required_features: adapter.features()
+            & (wgpu::Features::INDIRECT_FIRST_INSTANCE | wgpu::Features::SHADER_EARLY_DEPTH_TEST),
         required_limits: adapter.limits(),
         ..Default::default()
     };

@@ -1,5 +1,7 @@
 //! One pipeline for each way that a leaf can be drawn, and the layouts that they share.
 
+use std::borrow::Cow;
+
 use mullion_common::scene::{AlphaMode, Material};
 
 use super::arena::Vertex;
@@ -61,7 +63,12 @@ impl Pipelines {
         let device = &gpu.device;
         let view_layout = view_layout(device);
         let texture_layout = texture_layout(device);
-        let module = device.create_shader_module(wgpu::include_wgsl!("shaders/scene.wgsl"));
+        let mut source = Cow::Borrowed(include_str!("shaders/scene.wgsl"));
+        if gpu.early_depth {
+            source = source.replace("// EARLY_DEPTH\n", "@early_depth_test(less_equal)\n").into();
+        }
+        let source = wgpu::ShaderSource::Wgsl(source);
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("scene"), source });
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("scene"),
             bind_group_layouts: &[Some(&view_layout), Some(&texture_layout)],

@@ -7,7 +7,6 @@
 //! across frames and, while the scene stays the same, across connections; so does the picture that is shown.
 
 mod assembly;
-mod need;
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
@@ -21,8 +20,9 @@ use mullion_common::wire::{
     Welcome,
 };
 
+use crate::residency::Residency;
+
 pub use assembly::{Assembly, PieceError};
-pub use need::missing_in_order_of_need;
 
 /// How often a blob that came damaged is asked for again.
 pub const MAX_REFETCHES: u32 = 3;
@@ -89,6 +89,8 @@ pub enum Action {
         /// Its bytes.
         bytes: Vec<u8>,
     },
+    /// Forget a chunk: nothing in view needs it, and memory is short.
+    Evict(ChunkId),
     /// An object moved.
     SetTransform(Moved),
     /// Draw, keep the picture back, and call [`TileSession::drawn`].
@@ -120,12 +122,9 @@ pub enum EndedBy {
 struct OpenScene {
     manifest: Arc<SceneManifest>,
     transforms: Vec<Transform>,
-    /// By `ChunkId`.
-    is_resident: Vec<bool>,
+    residency: Residency,
     /// All chunks, sorted by their hashes.
     by_hash: Vec<ChunkId>,
-    resident: usize,
-    resident_bytes: u64,
 }
 
 /// What the newest frame lacks.
@@ -156,6 +155,8 @@ struct Sections {
 pub struct TileSession {
     node: String,
     credentials: Option<Vec<u8>>,
+    memory_bytes: u64,
+    evicted: Vec<ChunkId>,
     views: Arc<[ViewSpec]>,
     views_changed: bool,
     epoch: Option<u32>,
@@ -183,10 +184,14 @@ pub struct TileSession {
 
 impl TileSession {
     /// A node of that name, not connected yet.
-    pub fn new(node: impl Into<String>, credentials: Option<Vec<u8>>) -> Self {
+    ///
+    /// `memory_bytes`: what chunks may take on the GPU before those that were not needed for longest go.
+    pub fn new(node: impl Into<String>, credentials: Option<Vec<u8>>, memory_bytes: u64) -> Self {
         Self {
             node: node.into(),
             credentials,
+            memory_bytes,
+            evicted: Vec::new(),
             views: Arc::new([]),
             views_changed: true,
             epoch: None,
@@ -223,7 +228,8 @@ impl TileSession {
     pub fn disconnected(&mut self) {
         self.closed = true;
         // What the painter holds must stay what this session believes it holds.
-        self.actions.retain(|a| matches!(a, Action::OpenScene(..) | Action::Upload { .. } | Action::SetTransform(_)));
+        self.actions
+            .retain(|a| matches!(a, Action::OpenScene(..) | Action::Upload { .. } | Action::Evict(_) | Action::SetTransform(_)));
         self.epoch = None;
         self.pending = None;
         self.lack.frame = None;
@@ -309,6 +315,13 @@ impl TileSession {
         self.actions.pop_front().or_else(|| self.next_draw())
     }
 
+    /// The painter has taken a chunk, which takes so many bytes there.
+    pub fn uploaded(&mut self, chunk: ChunkId, bytes: u64) {
+        if let Some(scene) = self.scene.as_mut().filter(|scene| scene.residency.is_resident(chunk)) {
+            scene.residency.loaded(chunk, bytes);
+        }
+    }
+
     /// What goes to the master every second.
     pub fn stats(&self) -> Stats {
         Stats {
@@ -316,7 +329,7 @@ impl TileSession {
             draw_us: self.last_stats.draw_us,
             leaves: self.last_stats.leaves,
             triangles: self.last_stats.triangles,
-            resident_bytes: self.scene.as_ref().map_or(0, |s| s.resident_bytes),
+            resident_bytes: self.scene.as_ref().map_or(0, |s| s.residency.resident_bytes()),
         }
     }
 
@@ -327,7 +340,7 @@ impl TileSession {
 
     /// How many chunks are there.
     pub fn resident_chunks(&self) -> usize {
-        self.scene.as_ref().map_or(0, |s| s.resident)
+        self.scene.as_ref().map_or(0, |s| s.residency.resident_count())
     }
 
     fn close(&mut self, bye: Bye, by: EndedBy) {
@@ -438,10 +451,8 @@ impl TileSession {
         by_hash.sort_by_key(|id| manifest.chunks[id.0 as usize].hash);
         self.scene = Some(OpenScene {
             transforms: manifest.transforms.clone(),
-            is_resident: vec![false; manifest.chunks.len()],
+            residency: Residency::new(manifest.chunks.len(), self.memory_bytes),
             by_hash,
-            resident: 0,
-            resident_bytes: 0,
             manifest: Arc::clone(&manifest),
         });
         self.actions.push_back(Action::OpenScene(manifest, Arc::clone(&self.views)));
@@ -454,9 +465,8 @@ impl TileSession {
         let same = scene.by_hash[first..].iter().copied().take_while(|id| hash_of(id) == hash);
         for chunk in same.collect::<Vec<_>>() {
             let at = chunk.0 as usize;
-            if !std::mem::replace(&mut scene.is_resident[at], true) {
-                scene.resident += 1;
-                scene.resident_bytes += bytes.len() as u64;
+            if !scene.residency.is_resident(chunk) {
+                scene.residency.loaded(chunk, bytes.len() as u64);
                 self.actions.push_back(Action::Upload { chunk, bytes: bytes.clone() });
                 if std::mem::take(&mut self.lack.is_awaited[at]) {
                     self.lack.left -= 1;
@@ -488,18 +498,16 @@ impl TileSession {
                 self.actions.push_back(Action::SetTransform(Moved { object, transform }));
             }
         }
-        self.lack.chunks.clear();
-        if scene.resident < scene.is_resident.len() {
-            let held = |id: ChunkId| scene.is_resident[id.0 as usize];
-            let sets = pending.views.iter().map(|v| &v.leaves);
-            let (eye, chunks) = (pending.shared_eye, &mut self.lack.chunks);
-            missing_in_order_of_need(&scene.manifest, &scene.transforms, sets, eye, held, chunks);
-        }
+        let OpenScene { manifest, transforms, residency, .. } = scene;
+        let sets = pending.views.iter().map(|v| &v.leaves);
+        residency.begin_frame(manifest, transforms, sets, pending.shared_eye, &mut self.lack.chunks);
+        residency.evict(&mut self.evicted);
+        self.actions.extend(self.evicted.iter().map(|chunk| Action::Evict(*chunk)));
         self.lack.frame = Some(pending.number);
         self.lack.asked = 0;
         self.lack.left = self.lack.chunks.len();
         self.lack.is_awaited.clear();
-        self.lack.is_awaited.resize(scene.is_resident.len(), false);
+        self.lack.is_awaited.resize(scene.manifest.chunks.len(), false);
         for chunk in &self.lack.chunks {
             self.lack.is_awaited[chunk.0 as usize] = true;
         }
@@ -524,7 +532,7 @@ impl TileSession {
         while let Some(id) = self.lack.chunks.get(self.lack.asked) {
             let record = &scene.manifest.chunks[id.0 as usize];
             let length = u64::from(record.length);
-            let is_asked = scene.is_resident[id.0 as usize]
+            let is_asked = scene.residency.is_resident(*id)
                 || self.on_the_way.contains_key(&record.hash)
                 || fetch.iter().any(|(hash, _)| *hash == record.hash);
             if !is_asked {
@@ -561,3 +569,6 @@ impl Sections {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

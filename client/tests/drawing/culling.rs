@@ -1,6 +1,9 @@
 //! Culling changes no pixel, and tiles make one picture.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DQuat, DVec3};
+use mullion_client::gpu::Gpu;
 use mullion_common::scene::Material;
 use mullion_common::visible_set::VisibleSet;
 
@@ -49,35 +52,73 @@ fn add_ground(scene: &mut Scene) {
     scene.leaf(object, mesh, material);
 }
 
+/// Faces given twice: each sheet coincides with another object's, of another size, turned in its plane and elsewhere in
+/// its own space, as parts of real models do.
+fn coinciding_sheets(count: u32) -> Scene {
+    let mut scene = Scene::default();
+    let mut numbers = Numbers(5);
+    let one = scene.mesh(&rectangle([-2.0, -1.0], [2.0, 3.0]));
+    let other = scene.mesh(&rectangle([37.0, -52.0], [42.0, -48.0]));
+    for _ in 0..count {
+        let turn = DQuat::from_scaled_axis(numbers.vector(-2.5, 2.5));
+        let place = DAffine3::from_rotation_translation(turn, numbers.vector(-12.0, 12.0));
+        let within = DAffine3::from_translation(DVec3::new(-40.0, 50.0, 0.0));
+        let turned = DAffine3::from_rotation_z(numbers.between(0.0, 6.0));
+        for (mesh, transform) in [(one, place), (other, place * turned * within)] {
+            let shade = |numbers: &mut Numbers| numbers.between(0.1, 1.0) as f32;
+            let base_color = [shade(&mut numbers), shade(&mut numbers), shade(&mut numbers), 1.0];
+            let material = scene.material(Material { double_sided: true, ..plain(base_color) });
+            let object = scene.object(transform);
+            scene.leaf(object, mesh, material);
+        }
+    }
+    scene
+}
+
 #[test]
 fn tiles_make_the_picture_of_the_whole_screen() {
     let Some(gpu) = gpu() else { return };
     let mut scene = clutter(600);
     add_ground(&mut scene);
-    let mut numbers = Numbers(2);
     for (grid, tile_px) in [([2, 2], [128, 96]), ([3, 2], [85, 97])] {
-        let size_px = [grid[0] * tile_px[0], grid[1] * tile_px[1]];
-        let (mut whole, mut tiled) = (renderer(&gpu, &scene, size_px), renderer(&gpu, &scene, tile_px));
-        let (mut differing, mut worst_inside) = (0, 0);
-        for _ in 0..4 {
-            let look = Look { size_px, ..random_look(&mut numbers) };
-            let screen = draw(&mut whole, &scene, &look, &scene.all());
-            for (i, tile) in look.tiles(grid).iter().enumerate() {
-                let [column, row] = [i as u32 % grid[0], i as u32 / grid[0]];
-                let picture = draw(&mut tiled, &scene, tile, &scene.visible(&tile.frustum()));
-                for (x, y, pixel) in picture.color.enumerate_pixels() {
-                    let [at_x, at_y] = [column * tile_px[0] + x, row * tile_px[1] + y];
-                    let other = screen.color.get_pixel(at_x, at_y);
-                    let difference = pixel.0.iter().zip(other.0).map(|(a, b)| a.abs_diff(b)).max().unwrap_or(0);
-                    differing += u32::from(difference > 2);
-                    if picture.id(x, y) == screen.id(at_x, at_y) && difference > 2 {
-                        worst_inside = worst_inside.max(difference);
-                    }
+        assert_seamless(&gpu, &scene, grid, tile_px, 1);
+    }
+}
+
+#[test]
+fn tiles_agree_on_faces_that_coincide() {
+    let Some(gpu) = gpu() else { return };
+    for (grid, tile_px) in [([2, 2], [128, 96]), ([4, 3], [61, 53])] {
+        // All that is seen coincides. Without rounded depth 70 in a thousand pixels differ; each bit halves them.
+        assert_seamless(&gpu, &coinciding_sheets(60), grid, tile_px, 4);
+    }
+}
+
+/// From several random looks, at most so many in a thousand of the wall's pixels differ by more than 2/255 from one picture.
+fn assert_seamless(gpu: &Arc<Gpu>, scene: &Scene, grid: [u32; 2], tile_px: [u32; 2], most_per_mille: u32) {
+    const LOOKS: u32 = 4;
+    let mut numbers = Numbers(2);
+    let size_px = [grid[0] * tile_px[0], grid[1] * tile_px[1]];
+    let (mut whole, mut tiled) = (renderer(gpu, scene, size_px), renderer(gpu, scene, tile_px));
+    let (mut differing, mut worst_inside) = (0, 0);
+    for _ in 0..LOOKS {
+        let look = Look { size_px, ..random_look(&mut numbers) };
+        let screen = draw(&mut whole, scene, &look, &scene.all());
+        for (i, tile) in look.tiles(grid).iter().enumerate() {
+            let [column, row] = [i as u32 % grid[0], i as u32 / grid[0]];
+            let picture = draw(&mut tiled, scene, tile, &scene.visible(&tile.frustum()));
+            for (x, y, pixel) in picture.color.enumerate_pixels() {
+                let [at_x, at_y] = [column * tile_px[0] + x, row * tile_px[1] + y];
+                let other = screen.color.get_pixel(at_x, at_y);
+                let difference = pixel.0.iter().zip(other.0).map(|(a, b)| a.abs_diff(b)).max().unwrap_or(0);
+                differing += u32::from(difference > 2);
+                if picture.id(x, y) == screen.id(at_x, at_y) && difference > 2 {
+                    worst_inside = worst_inside.max(difference);
                 }
             }
         }
-        let pixels = size_px[0] * size_px[1] * 4;
-        println!("{grid:?}: {differing} of {pixels} pixels differ by more than 2, by {worst_inside} within an object");
-        assert!(differing * 1000 <= pixels, "{grid:?}: {differing} of {pixels} pixels differ by more than 2");
     }
+    let pixels = size_px[0] * size_px[1] * LOOKS;
+    println!("{grid:?}: {differing} of {pixels} pixels differ by more than 2, by {worst_inside} within an object");
+    assert!(differing * 1000 <= pixels * most_per_mille, "{grid:?}: {differing} of {pixels} pixels differ by more than 2");
 }

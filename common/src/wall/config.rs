@@ -211,12 +211,16 @@ impl WallConfig {
             check_seen_from(&screen.corners, eye, near_m)
                 .map_err(|problem| top.error(&Spanned::new(place, ()), &format!("screens.{}", screen.name), problem))?;
         }
-        let tiles = tiles_of(&screens);
-        let last = self.grid.as_ref().map(Spanned::span).or(self.screens.last().map(Spanned::span)).unwrap_or(0..0);
-        if tiles.len() > MAX_TILES as usize {
-            let problem = format!("{} tiles in all, at most {MAX_TILES} are allowed", tiles.len());
-            return Err(top.error(&Spanned::new(last, ()), "", problem));
+        let count: u32 = screens.iter().map(|s| s.grid[0] * s.grid[1]).sum();
+        if count > MAX_TILES {
+            let (key, place) = match (&self.grid, self.screens.last()) {
+                (Some(grid), _) => ("grid", grid.span()),
+                (None, last) => ("screens", last.map_or(0..0, Spanned::span)),
+            };
+            let problem = format!("{count} tiles in all, at most {MAX_TILES} are allowed");
+            return Err(top.error(&Spanned::new(place, ()), key, problem));
         }
+        let tiles = tiles_of(&screens);
         let mut names = HashMap::new();
         for (i, tile) in tiles.iter().enumerate() {
             if names.insert(tile.name.as_str(), i).is_some() {
@@ -365,9 +369,6 @@ fn tiles_of(screens: &[Screen]) -> Vec<Tile> {
             };
             let corners = screen.tile_corners([column, row]);
             tiles.push(Tile { name, screen: index, place: [column, row], corners, size_px: screen.tile_px });
-            if tiles.len() > MAX_TILES as usize {
-                return tiles;
-            }
         }
     }
     tiles

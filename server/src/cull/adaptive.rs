@@ -22,39 +22,34 @@ use super::oh::{self, Open};
 pub(super) fn cull(
     hierarchy: &ObjectHierarchy,
     frusta: &FrustumHierarchy,
-    stack: &mut Vec<Pair>,
-    descent: &mut Vec<Open>,
+    (open, stack, descent): (&mut Vec<Open>, &mut Vec<Pair>, &mut Vec<Open>),
     sets: &mut [VisibleSet],
 ) -> CullStats {
     let mut stats = CullStats::default();
     let nodes = hierarchy.nodes();
     let primary = frusta.primary();
+    let all_primary = ((1u32 << primary.len()) - 1) as u8;
     let mut at = 0;
+    open.clear();
     while at < nodes.len() as u32 {
+        while open.last().is_some_and(|(subtree_end, _)| *subtree_end <= at) {
+            open.pop();
+        }
         let node = &nodes[at as usize];
         stats.nodes_visited += 1;
-        let mut containment = Containment::Inside;
-        for (plane, eye) in primary {
-            stats.plane_tests += 1;
-            match plane.classify(&node.bound, *eye) {
-                Containment::Inside => {}
-                Containment::Cut => containment = Containment::Cut,
-                Containment::Outside => {
-                    containment = Containment::Outside;
-                    break;
-                }
+        let mask = open.last().map_or(all_primary, |(_, mask)| *mask);
+        let cut = oh::cut_planes(|k| (&primary[k].0, primary[k].1), mask, &node.bound, &mut stats);
+        at = match cut {
+            None => node.subtree_end,
+            Some(cut) if cut == 0 || node.subtree_end == at + 1 => {
+                cull_both(hierarchy, frusta, (at, cut), stack, descent, sets, &mut stats);
+                node.subtree_end
             }
-        }
-        let is_leaf = node.subtree_end == at + 1;
-        if containment == Containment::Cut && !is_leaf {
-            at += 1;
-            continue;
-        }
-        if containment != Containment::Outside {
-            let in_primary = containment == Containment::Inside;
-            cull_both(hierarchy, frusta, (at, in_primary), stack, descent, sets, &mut stats);
-        }
-        at = node.subtree_end;
+            Some(cut) => {
+                open.push((node.subtree_end, cut));
+                at + 1
+            }
+        };
     }
     // Where views overlap, a view may have been reached on two ways, and its ranges stand out of order.
     sets.iter_mut().for_each(VisibleSet::normalize);
@@ -75,7 +70,7 @@ pub(super) struct Pair {
 fn cull_both(
     hierarchy: &ObjectHierarchy,
     frusta: &FrustumHierarchy,
-    (node, in_primary): (u32, bool),
+    (node, primary_cut): (u32, u8),
     stack: &mut Vec<Pair>,
     descent: &mut Vec<Open>,
     sets: &mut [VisibleSet],
@@ -89,7 +84,7 @@ fn cull_both(
                 for (view, guards) in frusta.views_of(start, end) {
                     let untested = |guard: &Guard| match guard {
                         Guard::None => true,
-                        Guard::Primary => !in_primary,
+                        Guard::Primary(k) => primary_cut & (1 << k) != 0,
                         Guard::Split(depth) => pair.parted & (1 << depth) == 0,
                     };
                     let mask = (0..5).filter(|k| untested(&guards[*k])).fold(0, |mask, k| mask | (1 << k));

@@ -43,8 +43,8 @@ pub struct FrustumHierarchy {
 pub enum Guard {
     /// None: the plane is the view's alone.
     None,
-    /// A plane of the primary frustum.
-    Primary,
+    /// The plane of the primary frustum with this index.
+    Primary(u8),
     /// The bisection plane of the ancestor at this depth, the root's being 0.
     Split(u8),
 }
@@ -176,8 +176,8 @@ impl FrustumHierarchy {
         ALL_SIDES.map(|side| {
             let plane = frustum.plane(side);
             let primary = |(v, s): &(u16, FrustumSide)| same_plane(self.room[usize::from(*v)].plane(*s), plane);
-            if self.primary_sides.iter().any(primary) {
-                return Guard::Primary;
+            if let Some(k) = self.primary_sides.iter().position(primary) {
+                return Guard::Primary(k as u8);
             }
             let split = above.iter().position(|p| same_plane(p, plane));
             split.map_or(Guard::None, |depth| Guard::Split(depth as u8))

@@ -74,6 +74,7 @@ pub struct Culler {
     room_eyes: Vec<DVec3>,
     stack: Vec<adaptive::Pair>,
     descent: Vec<oh::Open>,
+    open: Vec<oh::Open>,
 }
 
 impl Culler {
@@ -81,7 +82,7 @@ impl Culler {
     pub fn new(algorithm: Algorithm, wall: &Wall) -> Self {
         let room_eyes = wall.default_eyes();
         let frusta = FrustumHierarchy::new(room_frusta(wall, &room_eyes));
-        Self { algorithm, frusta, room_eyes, stack: Vec::new(), descent: Vec::new() }
+        Self { algorithm, frusta, room_eyes, stack: Vec::new(), descent: Vec::new(), open: Vec::new() }
     }
 
     /// Finds what each view may see.
@@ -114,7 +115,10 @@ impl Culler {
         match self.algorithm {
             Algorithm::Naive => naive::cull(hierarchy, self.frusta.views(), sets),
             Algorithm::Oh => oh::cull(hierarchy, self.frusta.views(), &mut self.descent, sets),
-            Algorithm::Adaptive => adaptive::cull(hierarchy, &self.frusta, &mut self.stack, &mut self.descent, sets),
+            Algorithm::Adaptive => {
+                let memory = (&mut self.open, &mut self.stack, &mut self.descent);
+                adaptive::cull(hierarchy, &self.frusta, memory, sets)
+            }
         }
     }
 }

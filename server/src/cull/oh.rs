@@ -51,7 +51,7 @@ pub(super) fn descend(
         let mask = open.last().map_or(mask, |(_, mask)| *mask);
         let current = &nodes[at as usize];
         stats.nodes_visited += 1;
-        let left = cut_planes(&frustum.planes, mask, &current.bound, frustum.eye, stats);
+        let left = cut_planes(|k| (&frustum.planes[k], frustum.eye), mask, &current.bound, stats);
         at = match left {
             None => current.subtree_end,
             Some(cut) if cut == 0 || current.subtree_end == at + 1 => {
@@ -66,15 +66,21 @@ pub(super) fn descend(
     }
 }
 
-/// The planes of `mask` that cut the box; `None` when it is outside one.
-pub(super) fn cut_planes(planes: &[Plane], mask: u8, bound: &Obb, eye: DVec3, stats: &mut CullStats) -> Option<u8> {
+/// The planes of `mask` that cut the box; `None` when it is outside one. `plane` gives a plane and its eye.
+pub(super) fn cut_planes<'a>(
+    plane: impl Fn(usize) -> (&'a Plane, DVec3),
+    mask: u8,
+    bound: &Obb,
+    stats: &mut CullStats,
+) -> Option<u8> {
     let mut cut = 0;
     let mut left = mask;
     while left != 0 {
         let bit = left & left.wrapping_neg();
         left ^= bit;
         stats.plane_tests += 1;
-        match planes[bit.trailing_zeros() as usize].classify(bound, eye) {
+        let (plane, eye) = plane(bit.trailing_zeros() as usize);
+        match plane.classify(bound, eye) {
             Containment::Outside => return None,
             Containment::Cut => cut |= bit,
             Containment::Inside => {}

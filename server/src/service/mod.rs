@@ -293,7 +293,10 @@ impl Service {
             tokio::select! {
                 event = inbox.recv() => {
                     let more = std::iter::from_fn(|| inbox.try_recv().ok()).take(MAX_EVENTS);
-                    event.into_iter().chain(more).for_each(|event| self.take(event));
+                    for event in event.into_iter().chain(more) {
+                        self.take(event);
+                        self.put_all(); // a goodbye and the end behind it may come together
+                    }
                 }
                 accepted = listener.accept() => match accepted {
                     Ok((stream, address)) => self.accept(stream, address),
@@ -353,7 +356,7 @@ impl Service {
                     link.role = Some(role);
                 }
                 self.master.handle_body(peer, &body, now);
-                self.act();
+                self.put_all();
                 // Neither refused nor made a chunk connection: it is a node's control connection.
                 if let Some(link) = self.links.get_mut(&peer)
                     && let Some(role) = link.role.take()

@@ -58,6 +58,7 @@ struct Fragment {
 struct Pixel {
     @location(0) color: vec4f,
     @location(1) object: u32,
+    @builtin(frag_depth) depth: f32,
 }
 
 @vertex
@@ -98,11 +99,29 @@ fn base_color(in: Fragment) -> vec4f {
     return texel * in.color * materials[in.leaf.x].base_color;
 }
 
-@fragment
-fn opaque(in: Fragment) -> Pixel {
-    return Pixel(vec4f(base_color(in).rgb * light(in), 1.0), in.leaf.y + 1u);
+// Depth, rounded away from the eye to 1/32768 of itself.
+//
+// Faces that coincide are common in real files: parts that touch, walls given twice. Their interpolated depths differ by
+// the last bits, differently in each tile, and the picture would be torn between the two faces and torn otherwise on the
+// other side of a seam. Rounded, they tie but for few pixels, and the strict test gives all of those to the lower leaf.
+// 8 bits: in a picture of nothing but faces given twice, 7 % of a wall's pixels differed from one picture of it without
+// rounding, 0.2 % with; each bit halves them (client/tests/drawing/culling.rs). On a car of touching bricks it was 1.2 % and
+// 0.02 %. The price is that faces closer than 0.3 mm at 10 m are one.
+const ROUNDED_BITS: u32 = 8u;
+
+fn rounded_depth(in: Fragment) -> f32 {
+    return bitcast<f32>((bitcast<u32>(in.position.z) >> ROUNDED_BITS) << ROUNDED_BITS);
 }
 
+// The lines of this form are replaced where the GPU lets a shader promise that it only moves depth away: then it may
+// still drop hidden fragments before they are shaded.
+// EARLY_DEPTH
+@fragment
+fn opaque(in: Fragment) -> Pixel {
+    return Pixel(vec4f(base_color(in).rgb * light(in), 1.0), in.leaf.y + 1u, rounded_depth(in));
+}
+
+// EARLY_DEPTH
 @fragment
 fn masked(in: Fragment) -> Pixel {
     let color = base_color(in);
@@ -110,11 +129,12 @@ fn masked(in: Fragment) -> Pixel {
     if color.a < materials[in.leaf.x].alpha_cutoff {
         discard;
     }
-    return Pixel(vec4f(lit, 1.0), in.leaf.y + 1u);
+    return Pixel(vec4f(lit, 1.0), in.leaf.y + 1u, rounded_depth(in));
 }
 
+// EARLY_DEPTH
 @fragment
 fn blended(in: Fragment) -> Pixel {
     let color = base_color(in);
-    return Pixel(vec4f(color.rgb * light(in), color.a), 0u);
+    return Pixel(vec4f(color.rgb * light(in), color.a), 0u, rounded_depth(in));
 }

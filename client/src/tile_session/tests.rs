@@ -1,0 +1,189 @@
+//! Goal: a node bears a master that breaks off, and leaves one that lies, with a reason.
+//! Method: one session, driven message by message. The whole exchange is simulated in the workspace's tests.
+
+use glam::DVec3;
+use mullion_common::scene::{AlphaMode, ChunkKind, ChunkRecord, LeafRecord, Material, MaterialId, Package, Scene};
+use mullion_common::visible_set::{LeafRange, VisibleDelta};
+use mullion_common::wall::{Eye, ObserverId, TileId};
+use mullion_common::wire::{FrameView, PROTOCOL_VERSION};
+
+use super::*;
+
+fn scene() -> Scene {
+    let blob = |i: u8| vec![i; 10];
+    let chunks = (0..3).map(|i| ChunkRecord::new(ChunkHash::of(&blob(i)), 0, 10, ChunkKind::Geometry)).collect();
+    let leaf = |i: u32| LeafRecord {
+        object: ObjectId(0),
+        chunk: ChunkId(i),
+        material: MaterialId(0),
+        triangle_count: 1,
+        local_min: [i as f32, 0.0, 0.0],
+        local_max: [i as f32 + 1.0, 1.0, 1.0],
+    };
+    let material = Material { base_color: [1.0; 4], texture: None, alpha: AlphaMode::Opaque, double_sided: false };
+    let manifest = SceneManifest {
+        transforms: vec![Transform::from(DAffine3::IDENTITY)],
+        leaves: (0..3).map(leaf).collect(),
+        materials: vec![material],
+        chunks,
+    };
+    Scene { manifest, ..Package::default().scene }
+}
+
+fn section(kind: SectionKind) -> Vec<u8> {
+    scene().section_bytes(kind).unwrap()
+}
+
+fn welcome() -> ToTile {
+    let view = ViewSpec {
+        view: ViewId(0),
+        tile: TileId(0),
+        tile_name: "t0x0".into(),
+        observer: ObserverId(0),
+        eye: Eye::Mono,
+        corners: [[0.0; 3]; 3],
+        size_px: [64, 48],
+        near_m: 0.05,
+    };
+    let node = "t0x0".into();
+    ToTile::Welcome(Welcome { version: PROTOCOL_VERSION, session: 1, node, views: vec![view], rate_hz: 60.0, next_frame: 0 })
+}
+
+fn manifest() -> ToTile {
+    let sections = SectionKind::FOR_TILES.map(|kind| {
+        let bytes = section(kind);
+        SectionRef { kind, hash: ChunkHash::of(&bytes), length: bytes.len() as u64 }
+    });
+    ToTile::Manifest(Manifest { epoch: 1, sections: sections.into() })
+}
+
+fn frame(number: u64, base: Option<u64>, added: &[(u32, u32)]) -> ToTile {
+    let added = VisibleSet::from_ranges(added.iter().map(|&(start, end)| LeafRange::new(start, end)));
+    let leaves = VisibleDelta { removed: VisibleSet::default(), added };
+    let view = FrameView { eye: DVec3::Z, budget: Budget::default(), leaves };
+    let shared_eye = DVec3::new(2.5, 0.5, 0.5);
+    ToTile::Frame(Frame { number, epoch: 1, base, shared_eye, views: vec![view], ..Frame::default() })
+}
+
+fn actions(session: &mut TileSession) -> Vec<Action> {
+    std::iter::from_fn(|| session.poll_action()).collect()
+}
+
+/// A session whose scene is open and which lacks every chunk.
+fn open() -> TileSession {
+    let mut session = TileSession::new("t0x0", None, u64::MAX);
+    session.connected();
+    session.handle_message(welcome());
+    session.handle_message(manifest());
+    let [Action::Fetch(blobs)] = &actions(&mut session)[..] else { panic!("sections are fetched first") };
+    assert_eq!(blobs.len(), 4);
+    for kind in SectionKind::FOR_TILES {
+        let bytes = section(kind);
+        session.handle_blob(ChunkHash::of(&bytes), bytes);
+    }
+    assert!(matches!(&actions(&mut session)[..], [Action::OpenScene(manifest, _)] if **manifest == scene().manifest));
+    session
+}
+
+fn give(session: &mut TileSession, chunk: u8) {
+    session.handle_blob(ChunkHash::of(&[chunk; 10]), vec![chunk; 10]);
+}
+
+/// A session that has drawn frame 0, all three leaves.
+fn drawn() -> TileSession {
+    let mut session = open();
+    session.handle_message(frame(0, None, &[(0, 3)]));
+    (0..3).for_each(|i| give(&mut session, i));
+    assert!(matches!(actions(&mut session).last(), Some(Action::Draw(frame)) if frame.number == 0));
+    session.drawn(0, DrawStats::default());
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0 })]);
+    session
+}
+
+fn left(session: &mut TileSession) -> String {
+    match actions(session).pop() {
+        Some(Action::Close { bye, by: EndedBy::Node }) => bye.reason,
+        other => panic!("not left but {other:?}"),
+    }
+}
+
+#[test]
+fn nearest_chunks_come_first_and_nothing_is_drawn_before_all_are_there() {
+    let mut session = open();
+    session.handle_message(frame(0, None, &[(0, 1), (2, 3)]));
+    let hash = |i: u8| (ChunkHash::of(&[i; 10]), 10);
+    assert_eq!(actions(&mut session), [Action::Fetch(vec![hash(2), hash(0)])]);
+    give(&mut session, 2);
+    assert!(matches!(&actions(&mut session)[..], [Action::Upload { chunk: ChunkId(2), .. }]));
+    give(&mut session, 0);
+    assert!(matches!(&actions(&mut session)[..], [Action::Upload { .. }, Action::Draw(_)]));
+}
+
+#[test]
+fn the_newest_frame_wins_and_only_what_was_drawn_is_shown() {
+    let mut session = drawn();
+    session.handle_message(ToTile::Swap { frame: 0 });
+    session.handle_message(ToTile::Swap { frame: 0 });
+    session.handle_message(frame(1, Some(0), &[]));
+    session.handle_message(frame(2, Some(0), &[]));
+    let got = actions(&mut session);
+    assert!(matches!(&got[..], [Action::Show { frame: 0 }, Action::Draw(frame)] if frame.number == 2), "{got:?}");
+    session.handle_message(ToTile::Swap { frame: 1 });
+    assert_eq!(actions(&mut session), []);
+}
+
+#[test]
+fn chunks_and_picture_outlive_a_connection() {
+    let mut session = drawn();
+    session.handle_message(ToTile::Swap { frame: 0 });
+    actions(&mut session);
+    session.disconnected();
+    session.connected();
+    session.handle_message(welcome());
+    session.handle_message(manifest());
+    session.handle_message(frame(7, None, &[(1, 3)]));
+    let got = actions(&mut session);
+    assert!(matches!(&got[..], [Action::Draw(frame)] if frame.number == 7), "nothing is fetched again: {got:?}");
+    assert_eq!(session.shown(), Some(0));
+}
+
+#[test]
+fn a_damaged_blob_is_fetched_again_a_few_times() {
+    let mut session = open();
+    session.handle_message(frame(0, None, &[(0, 1)]));
+    let wanted = [Action::Fetch(vec![(ChunkHash::of(&[0; 10]), 10)])];
+    assert_eq!(actions(&mut session), wanted);
+    for _ in 0..MAX_REFETCHES {
+        session.handle_blob(ChunkHash::of(&[0; 10]), vec![1; 10]);
+        assert_eq!(actions(&mut session), wanted);
+    }
+    session.handle_blob(ChunkHash::of(&[0; 10]), vec![1; 10]);
+    assert!(left(&mut session).contains("damaged"));
+}
+
+#[test]
+fn a_master_that_lies_is_left_with_a_reason() {
+    let mut session = drawn();
+    session.handle_message(frame(4, Some(3), &[]));
+    assert!(left(&mut session).contains("frame 3, which is not here"));
+    let mut session = drawn();
+    session.handle_message(frame(1, Some(0), &[(3, 5)]));
+    assert!(left(&mut session).contains("leaf 4 of 3"));
+    let mut session = open();
+    session.handle_absent(ChunkHash([0; 32]));
+    assert!(left(&mut session).contains("no blob"));
+    let mut session = TileSession::new("t0x0", None, u64::MAX);
+    session.connected();
+    session.handle_message(frame(0, None, &[]));
+    assert!(left(&mut session).contains("before the manifest"));
+}
+
+#[test]
+fn what_came_in_just_before_the_end_is_still_uploaded() {
+    let mut session = open();
+    session.handle_message(frame(0, None, &[(0, 1)]));
+    actions(&mut session);
+    give(&mut session, 0);
+    session.disconnected();
+    assert!(matches!(&actions(&mut session)[..], [Action::Upload { chunk: ChunkId(0), .. }]));
+}

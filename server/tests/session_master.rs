@@ -1,0 +1,215 @@
+//! Goal: what one peer does, or leaves undone, ends that peer's connection and nothing else.
+//! Method: the master alone, driven message by message on virtual time.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use glam::{DAffine3, DVec3};
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::{Wall, WallConfig};
+use mullion_common::wire::{
+    ALIVE_EVERY, ByeCode, ChunkHello, Hello, OPENING_LIMIT, Opening, PROTOCOL_VERSION, SILENCE_LIMIT, Stats, ToMaster, ToTile,
+    body_of,
+};
+use mullion_server::master::{FrameInput, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, TAKEOVER_AFTER};
+use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
+
+const A: PeerId = PeerId(1);
+const B: PeerId = PeerId(2);
+const PERIOD: Duration = Duration::from_millis(10);
+
+fn ms(ms: u64) -> Duration {
+    Duration::from_millis(ms)
+}
+
+fn master() -> Master {
+    let text = "[grid]\ncolumns = 2\nrows = 1\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\n";
+    let wall: Arc<Wall> = Arc::new(WallConfig::parse(text).unwrap());
+    let barrier = BarrierOptions { wait: ms(14), start_wait: Duration::ZERO, start_nodes: vec![] };
+    let options = MasterOptions { barrier, pace: Pace::Every(PERIOD), frames: None, sections: vec![], session_seed: [1; 32] };
+    Master::new(wall, options, Duration::ZERO)
+}
+
+fn hello(node: &str) -> Opening {
+    Opening::Control(Hello { node: node.into(), credentials: None, cached: vec![] })
+}
+
+fn outputs(master: &mut Master) -> Vec<Output> {
+    std::iter::from_fn(|| master.poll_output()).collect()
+}
+
+/// What was sent to a peer.
+fn sent(outputs: &[Output], to: PeerId) -> Vec<ToTile> {
+    let messages = outputs.iter().filter_map(|o| match o {
+        Output::Send { peer, message } if *peer == to => Some(ToTile::decode(body_of(&message.bytes)).unwrap()),
+        _ => None,
+    });
+    messages.collect()
+}
+
+fn closed(outputs: &[Output], which: PeerId) -> Option<ByeCode> {
+    outputs.iter().find_map(|o| match o {
+        Output::Close { peer, bye } if *peer == which => Some(bye.code),
+        _ => None,
+    })
+}
+
+fn begin(master: &mut Master, number: u64, now: Duration) {
+    let input = FrameInput {
+        number,
+        scene_time_s: 0.0,
+        world_from_room: DAffine3::IDENTITY,
+        eyes: &[DVec3::Z; 2],
+        shared_eye: DVec3::Z,
+        sets: &[VisibleSet::all(5), VisibleSet::default()],
+        moved: &[],
+    };
+    master.begin_frame(&input, now);
+}
+
+fn join(master: &mut Master, peer: PeerId, node: &str, now: Duration) -> Vec<Output> {
+    master.handle_connected(peer, now);
+    master.handle_opening(peer, hello(node), now);
+    outputs(master)
+}
+
+#[test]
+fn a_node_gets_its_welcome_the_scene_and_the_frame_that_runs() {
+    let mut master = master();
+    master.handle_timeout(ms(0));
+    assert_eq!(outputs(&mut master), [Output::WantFrame { number: 0 }]);
+    begin(&mut master, 0, ms(1));
+    let out = join(&mut master, A, "t0x0", ms(3));
+    let [ToTile::Welcome(welcome), ToTile::Manifest(_), ToTile::Frame(frame)] = &sent(&out, A)[..] else { panic!("{out:?}") };
+    assert_eq!((welcome.version, welcome.next_frame, welcome.views.len()), (PROTOCOL_VERSION, 1, 1));
+    assert_eq!((frame.number, frame.base), (0, None));
+    assert_eq!(frame.views[0].leaves.added, VisibleSet::all(5));
+
+    master.handle_message(A, ToMaster::Ready { frame: 0 }, ms(5));
+    let out = outputs(&mut master);
+    assert_eq!(sent(&out, A), [ToTile::Swap { frame: 0 }]);
+    assert!(matches!(&out[..], [.., Output::FrameReleased(r)] if r.number == 0 && r.shown_by == 1));
+    assert_eq!(master.next_timeout(), Some(PERIOD), "the beat goes on from when the frame was due");
+    master.handle_timeout(PERIOD);
+    begin(&mut master, 1, PERIOD + ms(1));
+    let out = outputs(&mut master);
+    let [ToTile::Frame(frame)] = &sent(&out, A)[..] else { panic!("{out:?}") };
+    assert_eq!(frame.base, Some(0));
+    assert!(frame.views[0].leaves.added.is_empty() && frame.views[0].leaves.removed.is_empty());
+}
+
+#[test]
+fn who_says_nothing_is_sent_away() {
+    let mut master = master();
+    master.handle_connected(A, ms(0));
+    join(&mut master, B, "t0x0", ms(0));
+    master.handle_timeout(OPENING_LIMIT - ms(1));
+    assert_eq!(closed(&outputs(&mut master), A), None);
+    master.handle_timeout(OPENING_LIMIT);
+    assert_eq!(closed(&outputs(&mut master), A), Some(ByeCode::Timeout));
+    master.handle_timeout(SILENCE_LIMIT);
+    assert_eq!(closed(&outputs(&mut master), B), Some(ByeCode::Timeout));
+    assert_eq!(master.connected(), 0);
+}
+
+#[test]
+fn a_sign_of_life_keeps_a_node_and_one_is_given() {
+    let mut master = master();
+    join(&mut master, A, "t0x0", ms(0));
+    let mut alive = 0;
+    for second in 1..30 {
+        let now = ALIVE_EVERY * second;
+        master.handle_message(A, ToMaster::Stats(Stats { frame: 7, ..Stats::default() }), now);
+        master.handle_timeout(now);
+        alive += sent(&outputs(&mut master), A).iter().filter(|m| **m == ToTile::Alive).count();
+    }
+    assert_eq!((master.connected(), alive), (1, 29));
+    assert_eq!(master.stats().next().unwrap().frame, 7);
+}
+
+#[test]
+fn a_name_is_taken_while_its_node_lives() {
+    let mut master = master();
+    join(&mut master, A, "t0x0", ms(0));
+    let out = join(&mut master, B, "t0x0", TAKEOVER_AFTER - ms(1));
+    assert_eq!(closed(&out, B), Some(ByeCode::AlreadyConnected));
+    let heir = PeerId(3);
+    let out = join(&mut master, heir, "t0x0", TAKEOVER_AFTER);
+    assert_eq!((closed(&out, A), closed(&out, heir)), (Some(ByeCode::Timeout), None));
+    assert_eq!(master.standing(NodeIndex(0)), Standing::Trying);
+
+    master.handle_disconnected(heir, ms(4000));
+    let out = join(&mut master, PeerId(4), "t0x0", ms(4001));
+    assert_eq!(closed(&out, PeerId(4)), None, "a connection that ended frees its name at once");
+}
+
+#[test]
+fn unnamed_connections_are_bounded() {
+    let mut master = master();
+    for i in 0..MAX_UNNAMED as u64 {
+        master.handle_connected(PeerId(100 + i), ms(0));
+    }
+    assert!(outputs(&mut master).iter().all(|o| !matches!(o, Output::Close { .. })));
+    master.handle_connected(A, ms(0));
+    assert_eq!(closed(&outputs(&mut master), A), Some(ByeCode::TooMany));
+    master.handle_timeout(OPENING_LIMIT);
+    outputs(&mut master);
+    assert_eq!(closed(&join(&mut master, B, "t0x0", OPENING_LIMIT), B), None);
+}
+
+#[test]
+fn a_chunk_connection_belongs_to_a_session_and_ends_with_it() {
+    let mut master = master();
+    let out = join(&mut master, A, "t0x0", ms(0));
+    let Some(ToTile::Welcome(welcome)) = sent(&out, A).into_iter().next() else { panic!("{out:?}") };
+    let open = |master: &mut Master, peer, session| {
+        master.handle_connected(peer, ms(1));
+        master.handle_opening(peer, Opening::Chunks(ChunkHello { session }), ms(1));
+        outputs(master)
+    };
+    assert_eq!(closed(&open(&mut master, B, welcome.session ^ 1), B), Some(ByeCode::UnknownSession));
+    let chunks = PeerId(3);
+    assert!(open(&mut master, chunks, welcome.session).contains(&Output::ServeChunks { peer: chunks }));
+    let newer = PeerId(4);
+    let out = open(&mut master, newer, welcome.session);
+    assert_eq!((closed(&out, chunks), closed(&out, newer)), (Some(ByeCode::AlreadyConnected), None));
+    master.handle_disconnected(A, ms(2));
+    assert_eq!(closed(&outputs(&mut master), newer), Some(ByeCode::Leaving));
+    assert_eq!(closed(&open(&mut master, PeerId(5), welcome.session), PeerId(5)), Some(ByeCode::UnknownSession));
+}
+
+#[test]
+fn a_liar_and_a_stranger_are_told_why() {
+    let mut master = master();
+    join(&mut master, A, "t0x0", ms(0));
+    master.handle_message(A, ToMaster::Ready { frame: 3 }, ms(1));
+    assert_eq!(closed(&outputs(&mut master), A), Some(ByeCode::Malformed));
+
+    let mut bytes = Vec::new();
+    hello("t0x0").encode_as_version(9, &mut bytes).unwrap();
+    master.handle_connected(B, ms(2));
+    master.handle_body(B, body_of(&bytes), ms(2));
+    let [ToTile::Bye(bye)] = &sent(&outputs(&mut master), B)[..] else { panic!("no goodbye") };
+    assert_eq!(bye.code, ByeCode::VersionMismatch);
+    assert!(bye.reason.contains("version 9") && bye.reason.contains(&format!("version {PROTOCOL_VERSION}")), "{bye}");
+}
+
+#[test]
+fn deltas_stand_on_what_is_remembered_only() {
+    let mut master = master();
+    join(&mut master, A, "t0x0", ms(0));
+    for number in 0..12u64 {
+        let now = ms(20 * number);
+        master.handle_timeout(now);
+        begin(&mut master, number, now);
+        let frames = sent(&outputs(&mut master), A);
+        let Some(ToTile::Frame(frame)) = frames.iter().find(|m| matches!(m, ToTile::Frame(_))) else { panic!("{frames:?}") };
+        // Frame 1 is acknowledged and nothing after it: it is a base for eight frames.
+        assert_eq!(frame.base, (2..=9).contains(&number).then_some(1), "frame {number}");
+        if number == 1 {
+            master.handle_message(A, ToMaster::Ready { frame: 1 }, now);
+        }
+        master.handle_timeout(now + ms(14));
+        outputs(&mut master);
+    }
+}
