@@ -1,6 +1,7 @@
 //! Opens what users name: scenes and walls.
 
 use std::fs;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow};
@@ -35,13 +36,23 @@ pub fn open_wall(path: &Path) -> Result<Wall> {
     WallConfig::parse(&text).map_err(|error| anyhow!("{shown}: {error}"))
 }
 
+/// Creates the file that a report will go to, so that a long show does not end with nowhere to write it.
+pub fn claim(path: &Path) -> Result<()> {
+    if path == Path::new("-") {
+        return Ok(());
+    }
+    fs::File::create(path).map(drop).with_context(|| path.display().to_string())
+}
+
 /// Writes a value as JSON to a file, or to standard output for `-`.
 pub fn write_json(value: &impl Serialize, path: &Path) -> Result<()> {
     let mut text = serde_json::to_string_pretty(value)?;
     text.push('\n');
     if path == Path::new("-") {
-        print!("{text}");
-        return Ok(());
+        return match std::io::stdout().lock().write_all(text.as_bytes()) {
+            Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error).context("standard output"),
+            _ => Ok(()), // whoever reads it has had enough
+        };
     }
     fs::write(path, text).with_context(|| path.display().to_string())
 }

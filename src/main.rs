@@ -6,10 +6,12 @@ mod composite;
 mod files;
 mod pixels;
 mod progress;
+mod say;
 mod show;
 
 use std::process::ExitCode;
 
+use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
 /// Culling service for tiled display walls, CAVEs and multi-projector rooms.
@@ -52,7 +54,15 @@ fn main() -> ExitCode {
         .with_writer(std::io::stderr)
         .with_target(false)
         .init();
-    let result = match Arguments::parse().command {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) if error.use_stderr() && error.kind() != ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            eprintln!("mullion: {}", in_one_line(&error.render().to_string()));
+            return ExitCode::from(USER_ERROR);
+        }
+        Err(help) => help.exit(),
+    };
+    let result = match arguments.command {
         Command::Demo(options) => commands::demo::run(&options),
         Command::Serve(options) => commands::serve::run(&options),
         Command::Tile(options) => commands::tile::run(&options),
@@ -69,4 +79,16 @@ fn main() -> ExitCode {
             ExitCode::from(USER_ERROR)
         }
     }
+}
+
+/// What clap says of wrong arguments, without the usage that it adds and the tip to pass options as values.
+fn in_one_line(message: &str) -> String {
+    let mut line = String::new();
+    let told = message.lines().take_while(|l| !l.starts_with("Usage:") && !l.starts_with("For more information"));
+    for part in told.map(|l| l.trim().trim_start_matches("error: ")).filter(|l| !l.is_empty() && !l.contains("as a value, use")) {
+        line.push_str(if line.is_empty() || line.ends_with(':') { "" } else { ";" });
+        line.push_str(if line.is_empty() { "" } else { " " });
+        line.push_str(part);
+    }
+    line + " (--help tells more)"
 }

@@ -44,7 +44,7 @@ impl Grid {
     }
 
     /// The wall of [`WALL_PX`] divided into this grid, which must divide it.
-    fn wall(self) -> Result<Wall> {
+    pub fn wall(self) -> Result<Wall> {
         let (columns, rows) = (self.columns, self.rows);
         let (width, height) = (WALL_PX[0] / columns, WALL_PX[1] / rows);
         if width * columns != WALL_PX[0] || height * rows != WALL_PX[1] {

@@ -1,5 +1,6 @@
 //! Progress bars on standard error; silent where that is no terminal.
 
+use std::io::Write;
 use std::sync::Mutex;
 use std::time::Duration;
 
@@ -34,10 +35,15 @@ impl Progress {
         self.bar.set_position(done);
     }
 
-    /// Prints a line above the bar.
+    /// Whether there is a bar to see: standard error is a terminal.
+    pub fn is_visible(&self) -> bool {
+        !self.bar.is_hidden()
+    }
+
+    /// Prints a line above the bar, or where it would be.
     pub fn line(&self, text: &str) {
         if self.bar.is_hidden() {
-            eprintln!("{text}");
+            let _ = writeln!(std::io::stderr().lock(), "{text}"); // a show goes on without a log
         } else {
             self.bar.println(text);
         }

@@ -14,6 +14,7 @@ use serde::Serialize;
 use tokio::sync::watch;
 
 use crate::camera::Orbit;
+use crate::say::say;
 
 /// Frames whose times are kept for medians: the last ones.
 const FRAMES_KEPT: usize = 10_000;
@@ -211,24 +212,23 @@ pub struct TileSummary {
 impl Summary {
     /// Prints it as a table.
     pub fn print(&self) {
-        println!(
-            "{} on {}: {} objects, {} leaves, {} triangles",
-            self.scene, self.wall, self.objects, self.leaves, self.triangles
-        );
-        println!(
-            "{:>14} {:>9} {:>11} {:>8} {:>12} {:>11}",
-            "tile", "leaves", "triangles", "culled", "frame bytes", "passed over"
-        );
+        say!("{} on {}: {} objects, {} leaves, {} triangles", self.scene, self.wall, self.objects, self.leaves, self.triangles);
+        say!("{:>14} {:>9} {:>11} {:>8} {:>12} {:>11}", "tile", "leaves", "triangles", "culled", "frame bytes", "passed over");
         for t in &self.tiles {
-            println!(
+            say!(
                 "{:>14} {:9} {:11} {:7.1}% {:12} {:11}",
-                t.tile, t.visible_leaves, t.visible_triangles, t.culled_percent, t.frame_bytes, t.passed_over
+                t.tile,
+                t.visible_leaves,
+                t.visible_triangles,
+                t.culled_percent,
+                t.frame_bytes,
+                t.passed_over
             );
         }
         let (cull, frame) = (self.cull_us, self.frame_ms);
-        println!("frames         {}", self.frames);
-        println!("cull           {:.0} µs median, {:.0} µs p99, for all tiles together", cull.median, cull.p99);
-        println!("frame          {:.1} ms median, {:.1} ms p99", frame.median, frame.p99);
-        println!("sent           {} bytes of frames, {} bytes of scene", self.frame_bytes, self.chunk_bytes);
+        say!("frames         {}", self.frames);
+        say!("cull           {:.0} µs median, {:.0} µs p99, for all tiles together", cull.median, cull.p99);
+        say!("frame          {:.1} ms median, {:.1} ms p99", frame.median, frame.p99);
+        say!("sent           {} bytes of frames, {} bytes of scene", self.frame_bytes, self.chunk_bytes);
     }
 }

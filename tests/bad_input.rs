@@ -7,8 +7,10 @@ mod support;
 use std::fs;
 use std::net::TcpListener;
 use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 
+use mullion_common::scene::Package;
 use support::{Process, mullion};
 use tempfile::TempDir;
 
@@ -123,7 +125,7 @@ fn the_good_files_are_good() {
 fn files_that_are_no_scenes() {
     let folder = Folder::new();
     refused_scene(&folder, &folder.path("absent.glb"), &["No such file"]);
-    refused_scene(&folder, &folder.path(""), &["directory"]);
+    refused_scene(&folder, &folder.path(""), &["not a regular file"]);
     let whole = glb(&triangle_gltf());
     refused_scene(&folder, &folder.write("short.glb", &whole[..whole.len() / 2]), &["bytes"]);
     refused_scene(&folder, &folder.write("header.glb", &whole[..10]), &[]);
@@ -163,6 +165,11 @@ fn packages_that_are_damaged() {
         let mut flipped = package.clone();
         flipped[package.len() * share / 8] ^= 0x10;
         refused_scene(&folder, &folder.write("flipped.mull", flipped), &[]);
+    }
+    for at in 0..package.len() {
+        let mut flipped = package.clone();
+        flipped[at] ^= 1 << (at % 8);
+        assert!(Package::read(&flipped).is_err(), "a flip in byte {at} goes unnoticed");
     }
     let mut other = package.clone();
     other[8] = 99; // the version stands after the magic
@@ -221,6 +228,22 @@ fn files_that_cannot_be_written() {
     refused(&["demo", "--scene", &scene, "--wall", &wall, "--out", &below_file], &[&below_file]);
     let serve = ["serve", &wall, &scene, "--listen", "127.0.0.1:0", "--frames", "1", "--report", &below_file];
     refused(&serve, &[&below_file]);
+}
+
+#[test]
+fn readers_that_have_had_enough() {
+    let folder = Folder::new();
+    let (scene, wall) = (folder.path("good.gltf"), folder.path("good.toml"));
+    for args in
+        [vec!["info", &scene], vec!["info", &scene, "--leaves", "-"], vec!["cull", &scene, "--wall", &wall, "--json", "-"]]
+    {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mullion"));
+        let done = command.args(&args).stdout(writer).output().expect("the binary starts");
+        let err = String::from_utf8_lossy(&done.stderr);
+        assert_eq!((done.status.code(), &*err), (Some(0), ""), "mullion {}", args.join(" "));
+    }
 }
 
 #[test]

@@ -129,8 +129,8 @@ pub struct NodeReport {
 pub enum NodeError {
     #[error("the master refused: {0}")]
     Refused(Bye),
-    #[error("no connection to {master} for {seconds} s: {last}")]
-    Unreachable { master: String, seconds: u64, last: String },
+    #[error("no connection to {master} for {seconds:.1} s: {last}")]
+    Unreachable { master: String, seconds: f64, last: String },
     #[error("cannot draw: {0}")]
     Paint(String),
     #[error("cannot start the network: {0}")]
@@ -351,7 +351,7 @@ impl Network {
                 End::Lost(reason) => reason,
             };
             if give_up_after.is_some_and(|limit| without.elapsed() >= limit) {
-                let (master, seconds) = (self.options.master.clone(), without.elapsed().as_secs());
+                let (master, seconds) = (self.options.master.clone(), without.elapsed().as_secs_f64());
                 return Err(NodeError::Unreachable { master, seconds, last });
             }
             if started.elapsed() >= GOOD_CONNECTION {

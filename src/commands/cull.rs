@@ -14,6 +14,7 @@ use serde::Serialize;
 use super::prepare::HowToPrepare;
 use crate::camera::{parse_point, place_room};
 use crate::files::{open_scene, open_wall, write_json};
+use crate::say::say;
 
 /// What to cull, from where, and how.
 #[derive(clap::Args)]
@@ -21,7 +22,7 @@ pub struct Options {
     /// Package, glTF or GLB file.
     scene: PathBuf,
     /// Wall file.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     wall: PathBuf,
     /// The observer's eye in the room, metres; the wall file's if left out.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
@@ -97,7 +98,7 @@ pub fn run(options: &Options) -> Result<()> {
     let all = u64::from(package.scene.leaf_count()) * wall.views().len() as u64;
     for run in &runs {
         let pairs: u64 = run.sets.iter().map(|s| u64::from(s.len())).sum();
-        println!(
+        say!(
             "{:9} {:10.1} µs  {:9} nodes  {:10} plane tests  {pairs} of {all} (leaf, view) pairs may be visible",
             run.algorithm.name(),
             run.median_us,

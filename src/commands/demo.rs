@@ -27,13 +27,14 @@ use crate::composite::WallLayout;
 use crate::files::{open_scene, open_wall, write_json};
 use crate::pixels::Grid;
 use crate::progress::Progress;
+use crate::say::say;
 use crate::show::{self, Record};
 
 /// Which wall, which scene, and where pictures go.
 #[derive(clap::Args)]
 pub struct Options {
     /// Columns and rows of the wall.
-    #[arg(long, default_value = "4x4", value_parser = Grid::parse, conflicts_with = "wall")]
+    #[arg(long, value_name = "COLUMNSxROWS", default_value = "4x4", value_parser = Grid::parse, conflicts_with = "wall")]
     grid: Grid,
     /// A wall file instead of a grid.
     #[arg(long, value_name = "FILE")]
@@ -72,7 +73,7 @@ pub fn run(options: &Options) -> Result<()> {
     let package = Arc::new(open_scene(&scene, &options.how.options()?)?);
     let display = options.window.then(Display::open).transpose()?;
     let gpu = Gpu::open(GpuOptions { display: display.as_ref().map(Display::handle) })?;
-    println!("{} tiles on {}", wall.tiles().len(), gpu.describe());
+    say!("{} tiles on {}", wall.tiles().len(), gpu.describe());
 
     let record = Record::new(&wall);
     let (stop, stopped) = watch::channel(false);
@@ -118,8 +119,8 @@ pub fn run(options: &Options) -> Result<()> {
     write_pictures(&options.out, &wall, pictures)?;
     write_json(&summary, &options.out.join("report.json"))?;
     summary.print();
-    println!("took           {:.1} s", started.elapsed().as_secs_f64());
-    println!("wrote          {}", options.out.join("wall.png").display());
+    say!("took           {:.1} s", started.elapsed().as_secs_f64());
+    say!("wrote          {}", options.out.join("wall.png").display());
     Ok(())
 }
 

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::prepare::HowToPrepare;
 use crate::files::{open_scene, write_json};
+use crate::say::say;
 
 /// Which scene, and how to tell.
 #[derive(clap::Args)]
@@ -39,19 +40,22 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 fn print_counts(file: &Path, s: &SceneStatistics) {
-    println!("{}", file.display());
-    println!(
+    say!("{}", file.display());
+    say!(
         "  nodes       {} ({} inner, {} of them nodes of the file; {} leaves)",
-        s.nodes, s.inner_nodes, s.inner_nodes_of_file, s.leaves
+        s.nodes,
+        s.inner_nodes,
+        s.inner_nodes_of_file,
+        s.leaves
     );
-    println!("  depth       {}, average branching {:.2}", s.depth, s.average_branching);
-    println!("  objects     {} (nodes of the file and instances)", s.objects);
-    println!("  triangles   {} unique, {} with instances", s.triangles_unique, s.triangles_instanced);
-    println!("  chunks      {} of geometry, {} of textures, {} bytes", s.geometry_chunks, s.texture_chunks, s.chunk_bytes);
-    println!("  materials   {}", s.materials);
+    say!("  depth       {}, average branching {:.2}", s.depth, s.average_branching);
+    say!("  objects     {} (nodes of the file and instances)", s.objects);
+    say!("  triangles   {} unique, {} with instances", s.triangles_unique, s.triangles_instanced);
+    say!("  chunks      {} of geometry, {} of textures, {} bytes", s.geometry_chunks, s.texture_chunks, s.chunk_bytes);
+    say!("  materials   {}", s.materials);
     match s.bounds_m {
-        Some([min, max]) => println!("  bounds      {min:.3?} to {max:.3?} m"),
-        None => println!("  bounds      none: the scene has no triangles"),
+        Some([min, max]) => say!("  bounds      {min:.3?} to {max:.3?} m"),
+        None => say!("  bounds      none: the scene has no triangles"),
     }
 }
 

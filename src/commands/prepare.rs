@@ -7,6 +7,7 @@ use anyhow::{Result, ensure};
 use mullion_server::prepare::{MAX_LEAF_TRIANGLES, PrepareOptions, statistics, write_package};
 
 use crate::files::open_scene;
+use crate::say::say;
 
 /// What to prepare, where to and how.
 #[derive(clap::Args)]
@@ -14,7 +15,7 @@ pub struct Options {
     /// glTF or GLB file.
     scene: PathBuf,
     /// The package to write.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]
     how: HowToPrepare,
@@ -28,7 +29,7 @@ pub struct HowToPrepare {
           value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_LEAF_TRIANGLES)))]
     leaf_triangles: u32,
     /// Cut triangles with an edge longer than this, in metres: for floors that span the scene.
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, allow_negative_numbers = true, value_name = "METRES")]
     split_larger_than: Option<f64>,
 }
 
@@ -51,7 +52,7 @@ pub fn run(options: &Options) -> Result<()> {
     let package = open_scene(&options.scene, &options.how.options()?)?;
     write_package(&package, &options.out)?;
     let s = statistics(&package);
-    println!(
+    say!(
         "{}: {} leaves, {} triangles ({} unique) in {} chunks, {:.1} s",
         options.out.display(),
         s.leaves,

@@ -3,7 +3,7 @@
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use mullion_server::cull::Algorithm;
@@ -11,8 +11,9 @@ use mullion_server::service::{self, FrameReport, NodeEvent, Rate, Show, ShowOpti
 
 use super::prepare::HowToPrepare;
 use crate::camera::Orbit;
-use crate::files::{open_scene, open_wall, write_json};
+use crate::files::{claim, open_scene, open_wall, write_json};
 use crate::progress::Progress;
+use crate::say::say;
 use crate::show::{self, Record};
 
 /// Port that masters listen on and tiles look for.
@@ -33,13 +34,13 @@ pub struct Options {
     #[arg(long)]
     frames: Option<u64>,
     /// Frames a second; the wall file's if left out, 0 for as many as the tiles can show.
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, allow_negative_numbers = true, value_name = "HZ")]
     rate: Option<f64>,
     /// Hold the first frame until every node is there, but no longer than so many seconds.
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    #[arg(long, allow_negative_numbers = true, value_name = "SECONDS", default_value_t = 0.0)]
     wait: f64,
     /// How long a frame waits for a tile that was ready for the last one, milliseconds; a frame's time and 4 ms if left out.
-    #[arg(long, value_name = "MS")]
+    #[arg(long, allow_negative_numbers = true, value_name = "MS")]
     barrier: Option<f64>,
     /// adaptive, oh or naive.
     #[arg(long, default_value = "adaptive")]
@@ -54,6 +55,9 @@ pub struct Options {
 /// Frames after which the camera's walk begins anew.
 const WALK_FRAMES: u64 = 1200;
 
+/// How often the log says how far the show is, where there is no bar.
+const TELL_EVERY: Duration = Duration::from_secs(1);
+
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     let wall = Arc::new(open_wall(&options.wall)?);
@@ -62,14 +66,15 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!((0.0..=86_400.0).contains(&options.wait), "--wait: {} is outside 0 to 86400 s", options.wait);
     let barrier_ms = options.barrier.unwrap_or(1000.0 / rate_hz.clamp(1.0, 1000.0) + 4.0);
     ensure!((0.1..=60_000.0).contains(&barrier_ms), "--barrier: {barrier_ms} is outside 0.1 to 60000 ms");
+    options.report.as_deref().map_or(Ok(()), claim)?;
     let package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
     let listener = TcpListener::bind(options.listen).with_context(|| format!("cannot listen on {}", options.listen))?;
     let address = listener.local_addr()?;
     if !address.ip().is_loopback() {
         eprintln!("warning: {address} takes any node that knows a name of the wall: keep it on a network of its own");
     }
-    println!("serving {} to wall {} on {address}", options.scene.display(), wall.name());
-    println!("start a tile with:  mullion tile {} --master {address}", wall.nodes()[0].name);
+    say!("serving {} to wall {} on {address}", options.scene.display(), wall.name());
+    say!("start a tile with:  mullion tile {} --master {address}", wall.nodes()[0].name);
 
     let mut show_options = ShowOptions::for_wall(&wall);
     if options.wait > 0.0 {
@@ -90,6 +95,8 @@ pub fn run(options: &Options) -> Result<()> {
     let record = Record::new(&wall);
     let noted = record.clone();
     let total = options.frames;
+    let of_total = total.map_or_else(String::new, |total| format!(" of {total}"));
+    let mut told: Option<Instant> = None;
     let observer = move |frame: &FrameReport| {
         for node in &frame.passed_over {
             progress.line(&format!(
@@ -98,7 +105,12 @@ pub fn run(options: &Options) -> Result<()> {
                 node_names[usize::from(node.0)]
             ));
         }
-        progress.show("showing", frame.number + 1, total.unwrap_or(frame.number + 1));
+        let shown = frame.number + 1;
+        progress.show("showing", shown, total.unwrap_or(shown));
+        if !progress.is_visible() && told.is_none_or(|at| at.elapsed() >= TELL_EVERY) {
+            told = Some(Instant::now());
+            progress.line(&format!("frame {shown}{of_total}: {} of {} nodes show it", frame.shown_by, node_names.len()));
+        }
         noted.note(frame);
     };
     let stop = show::stop_on_interrupt()?;

@@ -11,6 +11,7 @@ use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, 
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 
 use super::serve::DEFAULT_PORT;
+use crate::say::say;
 use crate::show::stop_on_interrupt;
 
 /// Which node to be, of which master, and where pictures go.
@@ -35,7 +36,7 @@ pub struct Options {
           value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
     memory_mib: u64,
     /// End when the master has been out of reach for so many seconds; try for ever if left out.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, allow_negative_numbers = true, value_name = "SECONDS")]
     give_up_after: Option<f64>,
 }
 
@@ -62,7 +63,7 @@ pub fn run(options: &Options) -> Result<()> {
         }
         None => run_in_window(options, node_options)?,
     };
-    println!("{}: {} frames drawn, {} shown, {} bytes of scene", options.name, report.drawn, report.shown, report.blob_bytes);
+    say!("{}: {} frames drawn, {} shown, {} bytes of scene", options.name, report.drawn, report.shown, report.blob_bytes);
     Ok(())
 }
 

@@ -9,6 +9,7 @@ use mullion_server::cull::Algorithm;
 use super::prepare::HowToPrepare;
 use crate::files::{open_scene, write_json};
 use crate::pixels::{self, Grid, SceneVerdict};
+use crate::say::say;
 
 /// What to verify.
 #[derive(clap::Args)]
@@ -32,7 +33,7 @@ struct PixelOptions {
     #[arg(long, value_name = "DIR")]
     models: Option<PathBuf>,
     /// Walls of the same size divided into so many tiles.
-    #[arg(long, value_delimiter = ',', default_value = "1x1,2x2,3x2,4x4", value_parser = Grid::parse)]
+    #[arg(long, value_name = "COLUMNSxROWS", value_delimiter = ',', default_value = "1x1,2x2,3x2,4x4", value_parser = Grid::parse)]
     grids: Vec<Grid>,
     /// How to cull.
     #[arg(long, default_value = "adaptive")]
@@ -55,11 +56,19 @@ pub fn run(options: &Options) -> Result<()> {
         scenes.extend(scenes_in(folder)?);
     }
     ensure!(!scenes.is_empty(), "verify pixels: name scenes, or a folder of them with --models");
+    options.grids.iter().try_for_each(|grid| grid.wall().map(drop)).context("--grids")?;
     let gpu = Gpu::open(GpuOptions::default())?;
-    println!("{}", gpu.describe());
-    println!(
+    say!("{}", gpu.describe());
+    say!(
         "{:28} {:>7} {:>8} {:>6} {:>7} {:>8} {:>9} {:>8}  verdict",
-        "scene", "leaves", "objects", "tiles", "culled", "tiles ≠", "pixels ≠", "missing"
+        "scene",
+        "leaves",
+        "objects",
+        "tiles",
+        "culled",
+        "tiles ≠",
+        "pixels ≠",
+        "missing"
     );
     let mut verdicts = Vec::new();
     for path in &scenes {
@@ -78,7 +87,7 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 fn print_verdict(v: &SceneVerdict) {
-    println!(
+    say!(
         "{:28} {:7} {:8} {:6} {:6.1}% {:8} {:8.4}% {:8}  {}",
         v.scene,
         v.leaves,

@@ -38,6 +38,30 @@ pub enum GpuError {
     NoIds,
 }
 
+/// wgpu, and what it finds. Without windows OpenGL is the last resort: merely loading it is slow, and makes it write to
+/// standard error where there is no desktop.
+fn instance(display: Option<DisplayHandle>) -> (wgpu::Instance, Vec<wgpu::Adapter>) {
+    let is_headless = display.is_none();
+    let open = |display, without: wgpu::Backends| {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.display = display;
+        // Indirect draws come from this process, which checks them where it writes them.
+        descriptor.flags = wgpu::InstanceFlags::from_build_config() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL;
+        let mut descriptor = descriptor.with_env();
+        descriptor.backends -= without;
+        let instance = wgpu::Instance::new(descriptor);
+        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        (instance, adapters)
+    };
+    if is_headless {
+        let (instance, adapters) = open(None, wgpu::Backends::GL);
+        if !adapters.is_empty() {
+            return (instance, adapters);
+        }
+    }
+    open(display, wgpu::Backends::empty())
+}
+
 /// What went wrong since someone last asked. wgpu reports asynchronously.
 #[derive(Debug, Default)]
 struct Faults {
@@ -69,12 +93,7 @@ impl Gpu {
     /// # Errors
     /// When there is none, none has the wanted name, or it does not open.
     pub fn open(options: GpuOptions) -> Result<Arc<Self>, GpuError> {
-        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-        descriptor.display = options.display;
-        // Indirect draws come from this process, which checks them where it writes them.
-        descriptor.flags = wgpu::InstanceFlags::from_build_config() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL;
-        let instance = wgpu::Instance::new(descriptor.with_env());
-        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        let (instance, adapters) = instance(options.display);
         let wanted = std::env::var("WGPU_ADAPTER_NAME").ok();
         let adapter = choose(adapters, wanted)?;
         let (device, queue) = open_device(&adapter)?;

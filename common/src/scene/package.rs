@@ -403,6 +403,9 @@ impl<'a> Sections<'a> {
             let body = (end <= bytes.len() as u64).then(|| &bytes[entry.offset as usize..end as usize]);
             let body = body.ok_or(truncated(&format!("section {i}"), end))?;
             let Some(kind) = SectionKind::from_u32(entry.kind) else { continue };
+            if entry.reserved != 0 {
+                return inconsistent(format!("section {kind:?}: its reserved word is {}, it must be 0", entry.reserved));
+            }
             if ChunkHash::of(body) != entry.hash {
                 return Err(PackageError::Damaged(kind));
             }

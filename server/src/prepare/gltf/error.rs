@@ -6,12 +6,20 @@ const MAX_QUOTED_CHARS: usize = 300;
 
 /// A scene file that could not be imported. Its `Display` is one line: `city.glb: accessor 12: …`.
 #[derive(Debug, thiserror::Error)]
-#[error("{file}: {kind}")]
+#[error("{}{kind}", where_it_is(file, kind))]
 pub struct ImportError {
     /// The path as the caller gave it.
     pub file: String,
     /// What is wrong, and where.
     pub kind: ImportErrorKind,
+}
+
+/// The file, unless the fault names it anyway.
+fn where_it_is(file: &str, kind: &ImportErrorKind) -> String {
+    match kind {
+        ImportErrorKind::Io { path, .. } if path == file => String::new(),
+        _ => format!("{file}: "),
+    }
 }
 
 /// The kinds of fault an import can end with.
