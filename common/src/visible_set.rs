@@ -31,9 +31,20 @@ impl LeafRange {
 }
 
 /// A conservative set of leaves. Its ranges are sorted, not empty, and neither overlap nor touch.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Debug, Default, PartialEq, Eq)]
 pub struct VisibleSet {
     ranges: Vec<LeafRange>,
+}
+
+impl Clone for VisibleSet {
+    fn clone(&self) -> Self {
+        Self { ranges: self.ranges.clone() }
+    }
+
+    /// Reuses this set's memory.
+    fn clone_from(&mut self, other: &Self) {
+        self.ranges.clone_from(&other.ranges);
+    }
 }
 
 impl VisibleSet {

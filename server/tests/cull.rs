@@ -170,6 +170,20 @@ fn a_grid_is_halved_down_to_single_tiles() {
     assert_eq!((tiles, deepest), (64, 6), "a balanced tree");
 }
 
+#[test]
+fn a_head_that_moves_before_a_grid_rebuilds_nothing() {
+    let wall = configs().into_iter().find(|w| w.name() == "wall-4x4").expect("it ships");
+    let frusta = |eye: DVec3| (0..16).map(move |view| (view, eye));
+    let of = |(view, eye): (u16, DVec3)| wall.frustum(ViewId(view), eye, &DAffine3::IDENTITY);
+    let eye = wall.default_eyes()[0];
+    let mut hierarchy = FrustumHierarchy::new(frusta(eye).map(of).collect());
+    for step in 0..20 {
+        let away = DVec3::new((f64::from(step) * 0.7).sin(), (f64::from(step) * 0.4).cos(), f64::from(step) * 0.05);
+        hierarchy.update(frusta(eye + away).map(of));
+    }
+    assert_eq!(hierarchy.builds(), 1);
+}
+
 /// The reason to walk both hierarchies: far fewer tests than tile by tile.
 #[test]
 fn adaptive_tests_less_than_tile_by_tile() {

@@ -22,7 +22,7 @@ impl Obb {
     ///
     /// The points are visited twice. Every point lies inside the box, up to rounding that the box's own
     /// growth covers. Degenerate sets (one point, a line, a plane) give a valid box with zero half-lengths. Where
-    /// the axis-aligned box has less volume the axes are the world's: a cloud without a preferred direction has
+    /// the axis-aligned box has less surface the axes are the world's: a cloud without a preferred direction has
     /// arbitrary eigenvectors.
     pub fn around<I>(points: I) -> Option<Self>
     where

@@ -17,5 +17,6 @@ pub use hierarchy::{HierarchyError, NodeId, ObjectHierarchy, OhNode};
 pub use leaf::{ChunkId, LeafRecord, Object, ObjectId, Transform};
 pub use material::{AlphaMode, Filter, Material, MaterialId, TextureRef, Wrap};
 pub use package::{
-    ChunkKind, ChunkRecord, LeafSource, PACKAGE_VERSION, Package, PackageError, Scene, SceneManifest, SectionKind, Sources,
+    ChunkKind, ChunkRecord, LeafSource, MAX_PACKAGE_BYTES, PACKAGE_VERSION, Package, PackageError, Scene, SceneManifest,
+    SectionKind, Sources,
 };

@@ -13,13 +13,18 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use thiserror::Error;
 
-use super::{AlphaMode, ChunkHash, ChunkId, HierarchyError, LeafRecord, Material, Object, ObjectHierarchy, OhNode, Transform};
+use super::{
+    AlphaMode, ChunkHash, ChunkId, HierarchyError, LeafRecord, MAX_CHUNK_BYTES, Material, Object, ObjectHierarchy, OhNode,
+    Transform,
+};
 use crate::wire::codec::{self, CodecError};
 
 const MAGIC: [u8; 8] = *b"MULLION\x1a";
 /// Version of the container and its sections. A reader takes only its own.
 pub const PACKAGE_VERSION: u32 = 1;
 const MAX_SECTIONS: u32 = 1024;
+/// Most bytes in a package.
+pub const MAX_PACKAGE_BYTES: u64 = 64 << 30;
 /// Most bytes of a section that is not chunk data.
 pub const MAX_SECTION_BYTES: usize = 4 << 30;
 
@@ -282,7 +287,24 @@ impl Package {
         if scene.objects.len() != scene.manifest.transforms.len() {
             return inconsistent("objects and transforms differ in number");
         }
+        let leaf_count = scene.leaf_count();
+        for (i, object) in scene.objects.iter().enumerate() {
+            // Parents come first: a walk to the root ends.
+            if object.parent.is_some_and(|parent| parent.0 as usize >= i) {
+                return inconsistent(format!("object {i} does not come after its parent"));
+            }
+            if object.leaves.iter().any(|range| range.is_empty() || range.end > leaf_count) {
+                return inconsistent(format!("object {i} names leaves that are not there"));
+            }
+        }
+        let named = |node: &OhNode| node.object.is_none_or(|object| (object.0 as usize) < scene.objects.len());
+        if let Some(i) = scene.hierarchy.nodes().iter().position(|node| !named(node)) {
+            return inconsistent(format!("node {i} of the hierarchy names an object that is not there"));
+        }
         for (i, chunk) in scene.manifest.chunks.iter().enumerate() {
+            if chunk.length as usize > MAX_CHUNK_BYTES {
+                return inconsistent(format!("chunk {i} has {} bytes, at most {MAX_CHUNK_BYTES} are allowed", chunk.length));
+            }
             let end = chunk.offset.checked_add(u64::from(chunk.length));
             if end.is_none_or(|end| end > chunk_data.len() as u64) {
                 return inconsistent(format!("chunk {i} lies outside the chunk data"));

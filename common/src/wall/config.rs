@@ -207,9 +207,12 @@ impl WallConfig {
             (Some(grid), _) => return Err(top.error(grid, "grid", "stands beside [[screens]]: a wall has one or the other")),
         };
         for (i, screen) in screens.iter().enumerate() {
-            let place = self.screens.get(i).map_or(0..0, Spanned::span);
+            let (key, place) = match self.screens.get(i) {
+                Some(config) => (format!("screens.{}.bottom_right", screen.name), config.get_ref().bottom_right.span()),
+                None => ("eye".to_owned(), self.eye.as_ref().map_or(0..0, Spanned::span)),
+            };
             check_seen_from(&screen.corners, eye, near_m)
-                .map_err(|problem| top.error(&Spanned::new(place, ()), &format!("screens.{}", screen.name), problem))?;
+                .map_err(|problem| top.error(&Spanned::new(place, ()), &key, problem))?;
         }
         let count: u32 = screens.iter().map(|s| s.grid[0] * s.grid[1]).sum();
         if count > MAX_TILES {
@@ -331,6 +334,7 @@ fn checked_screens(top: &At<'_>, configs: &[Spanned<ScreenConfig>]) -> Result<Ve
                 "the screen is no rectangle: its edges must meet at right angles",
             ));
         }
+        let corners = squared(corners);
         let room_m = [across.length() - f64::from(columns - 1) * bezel_m[0], up.length() - f64::from(rows - 1) * bezel_m[1]];
         if let (Some(bezel), true) = (&config.bezel_m, room_m.iter().any(|m| *m <= 0.0)) {
             return Err(at.error(bezel, "bezel_m", "the bezels leave no room for tiles"));
@@ -338,6 +342,13 @@ fn checked_screens(top: &At<'_>, configs: &[Spanned<ScreenConfig>]) -> Result<Ve
         screens.push(Screen { name, corners, grid: [columns, rows], bezel_m, tile_px });
     }
     Ok(screens)
+}
+
+/// Measured corners are never exactly square: the top left one moves so that they are, by less than [`MAX_SKEW`] of the
+/// height. What is culled and what is drawn then have one shape.
+fn squared([bottom_left, bottom_right, top_left]: [DVec3; 3]) -> [DVec3; 3] {
+    let up = (top_left - bottom_left).reject_from(bottom_right - bottom_left);
+    [bottom_left, bottom_right, bottom_left + up]
 }
 
 /// A screen must show its front to the eye, further away than the near plane.

@@ -36,6 +36,9 @@ pub struct FrustumHierarchy {
     primary_sides: Vec<(u16, FrustumSide)>,
     /// The same in the world, with the eye of each.
     primary: Vec<(Plane, DVec3)>,
+    /// Memory of [`FrustumHierarchy::find_guards`].
+    above: Vec<Plane>,
+    builds: u64,
 }
 
 /// Which earlier test tells that a node is inside a view's plane, so that the terminal check can leave it out.
@@ -51,6 +54,10 @@ pub enum Guard {
 
 /// How much of a view may lie on the wrong side of a plane and still count as rounding.
 const ANGULAR_TOLERANCE: f64 = 1e-9;
+
+/// Deepest node: what a traversal knows of its ancestors fits a `u32`, a bit each. 2048 views, the most that a wall has,
+/// are parted by 27 splits.
+const MAX_DEPTH: u32 = 31;
 
 const ALL_SIDES: [FrustumSide; 5] =
     [FrustumSide::Left, FrustumSide::Right, FrustumSide::Bottom, FrustumSide::Top, FrustumSide::Near];
@@ -68,6 +75,8 @@ impl FrustumHierarchy {
             guards: Vec::new(),
             primary_sides: Vec::new(),
             primary: Vec::new(),
+            above: Vec::new(),
+            builds: 0,
         };
         hierarchy.build();
         hierarchy
@@ -79,7 +88,7 @@ impl FrustumHierarchy {
         self.room.clear();
         self.room.extend(room);
         if self.still_parts() {
-            self.find_guards(0, &mut Vec::new());
+            self.find_all_guards();
         } else {
             self.build();
         }
@@ -95,6 +104,11 @@ impl FrustumHierarchy {
             let frustum = &self.world[usize::from(*view)];
             (*frustum.plane(*side), frustum.eye)
         }));
+    }
+
+    /// How often the tree was built: once, and again when an eye's movement invalidated it.
+    pub fn builds(&self) -> u64 {
+        self.builds
     }
 
     /// The views' frusta in the world, by `ViewId`.
@@ -120,36 +134,45 @@ impl FrustumHierarchy {
     }
 
     fn build(&mut self) {
+        self.builds += 1;
         self.nodes.clear();
         self.below.clear();
         self.members.clear();
         let all: Vec<u16> = (0..self.room.len() as u16).collect();
         self.primary_sides = primary_sides(&self.room);
-        self.build_node(&all);
+        self.build_node(&all, 0);
         self.guards = vec![[Guard::None; 5]; self.members.len()];
-        self.find_guards(0, &mut Vec::new());
+        self.find_all_guards();
     }
 
-    /// Adds the node over `views`. At most 20 deep: each split leaves at most three quarters.
-    fn build_node(&mut self, views: &[u16]) -> u32 {
+    /// Adds the node over `views`. Never deeper than [`MAX_DEPTH`]: each split leaves at most three quarters.
+    fn build_node(&mut self, views: &[u16], depth: u32) -> u32 {
         let id = self.nodes.len() as u32;
         let start = self.members.len() as u32;
         self.members.extend_from_slice(views);
         let end = self.members.len() as u32;
         self.below.push((start, end));
         self.nodes.push(FrustumNode::Views { start, end });
-        if let Some((view, side)) = best_split(&self.room, views) {
+        let split = if depth < MAX_DEPTH { best_split(&self.room, views) } else { None };
+        if let Some((view, side)) = split {
             let plane = *self.room[usize::from(view)].plane(side);
             let on = |wrong: Containment| {
                 let room = &self.room;
                 views.iter().copied().filter(|v| side_of(&room[usize::from(*v)], &plane) != wrong).collect::<Vec<_>>()
             };
             let (below, beyond) = (on(Containment::Inside), on(Containment::Outside));
-            let negative = self.build_node(&below);
-            let positive = self.build_node(&beyond);
+            let negative = self.build_node(&below, depth + 1);
+            let positive = self.build_node(&beyond, depth + 1);
             self.nodes[id as usize] = FrustumNode::Split { view, side, negative, positive };
         }
         id
+    }
+
+    fn find_all_guards(&mut self) {
+        let mut above = std::mem::take(&mut self.above);
+        above.clear();
+        self.find_guards(0, &mut above);
+        self.above = above;
     }
 
     /// Finds the guards of all views below `node`, whose ancestors' planes are `above`, positive on its side.
@@ -186,15 +209,14 @@ impl FrustumHierarchy {
 
     /// Whether every view still lies where the tree has it, and the primary planes still hold all views.
     fn still_parts(&self) -> bool {
-        let stray = |child: u32, plane: &Plane, wrong: Containment, sibling: u32| {
+        let stray = |child: u32, plane: &Plane, right: Containment, sibling: u32| {
             let list = |node: u32| {
                 let (start, end) = self.below[node as usize];
                 &self.members[start as usize..end as usize]
             };
             list(child).iter().any(|view| {
-                let wanted = side_of(&self.room[usize::from(*view)], plane);
                 // Below both children it may lie anywhere.
-                wanted != wrong && !list(sibling).contains(view)
+                side_of(&self.room[usize::from(*view)], plane) != right && !list(sibling).contains(view)
             })
         };
         let splits_hold = self.nodes.iter().all(|node| match *node {
@@ -204,11 +226,7 @@ impl FrustumHierarchy {
                 !stray(negative, plane, Containment::Outside, positive) && !stray(positive, plane, Containment::Inside, negative)
             }
         });
-        let bounds = |(view, side): &(u16, FrustumSide)| {
-            let plane = self.room[usize::from(*view)].plane(*side);
-            self.room.iter().all(|f| side_of(f, plane) == Containment::Inside)
-        };
-        splits_hold && self.primary_sides.iter().all(bounds)
+        splits_hold && self.primary_sides.iter().all(|(view, side)| holds_all(&self.room, *view, *side))
     }
 }
 
@@ -259,16 +277,23 @@ fn side_of(view: &Frustum, plane: &Plane) -> Containment {
     }
 }
 
+/// Whether a side of one view's frustum has all views inside.
+fn holds_all(room: &[Frustum], view: u16, side: FrustumSide) -> bool {
+    let plane = room[usize::from(view)].plane(side);
+    room.iter().all(|f| match side {
+        FrustumSide::Near => near_holds(f, plane),
+        _ => side_of(f, plane) == Containment::Inside,
+    })
+}
+
 /// The sides of the views' frusta that have every view inside, each plane once.
 fn primary_sides(room: &[Frustum]) -> Vec<(u16, FrustumSide)> {
     const MAX_PLANES: usize = 8;
     let mut sides: Vec<(u16, FrustumSide)> = Vec::new();
     for (view, side) in (0..room.len() as u16).flat_map(|v| ALL_SIDES.map(|side| (v, side))) {
         let plane = room[usize::from(view)].plane(side);
-        let is_near = side == FrustumSide::Near;
-        let holds = |f: &Frustum| if is_near { near_holds(f, plane) } else { side_of(f, plane) == Containment::Inside };
         let same = |(v, s): &(u16, FrustumSide)| same_plane(room[usize::from(*v)].plane(*s), plane);
-        if sides.len() < MAX_PLANES && !sides.iter().any(same) && room.iter().all(holds) {
+        if sides.len() < MAX_PLANES && !sides.iter().any(same) && holds_all(room, view, side) {
             sides.push((view, side));
         }
     }

@@ -21,7 +21,8 @@ pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guard};
 /// How to cull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Algorithm {
-    /// Every leaf against every view: O(m n). Its sets are the least that plane tests of the leaves' boxes give.
+    /// Every leaf against every view: O(m n). `oh` makes the same tests and finds the same sets; `adaptive` also tests
+    /// against planes of neighbouring views, and may leave out more of what cannot be seen.
     Naive,
     /// The object hierarchy, view by view, with plane masks and the fully-inside shortcut: "OH without FH".
     Oh,
@@ -87,7 +88,7 @@ impl Culler {
 
     /// Finds what each view may see.
     ///
-    /// `eyes` in room space and `sets` are indexed by `ViewId`, one for each view of the wall; `world_from_room` is a
+    /// `eyes` in room space (each in front of its screen, see `Wall::check_eye`) and `sets` are indexed by `ViewId`, one for each view of the wall; `world_from_room` is a
     /// similarity without mirroring. The sets are conservative: they hold every leaf of which a pixel may be drawn.
     ///
     /// # Panics

@@ -102,7 +102,7 @@ fn group_triangles(primitive: &SourcePrimitive, triangle_count: u32, max_triangl
 }
 
 /// 30-bit Morton code of a point in the unit cube.
-fn morton(p: DVec3) -> u32 {
+pub(super) fn morton(p: DVec3) -> u32 {
     let spread = |v: f64| {
         let mut x = (v * 1024.0).clamp(0.0, 1023.0) as u32;
         x = (x | (x << 16)) & 0x0300_00ff;
