@@ -18,15 +18,21 @@ has_vulkan_loader() {
   [ "$(uname -s)" != Linux ] || ldconfig -p 2>/dev/null | grep -q 'libvulkan\.so\.1' || compgen -G '/usr/lib/*/libvulkan.so.1' >/dev/null
 }
 
-if ! has_vulkan_driver || ! has_vulkan_loader; then
-  command_line="apt-get update && apt-get install -y mesa-vulkan-drivers libvulkan1"
-  if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
-    echo "No Vulkan driver found: installing Mesa's." >&2
-    { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq mesa-vulkan-drivers libvulkan1; } >/dev/null
-  else
-    echo "No Vulkan driver found. Install one with:  sudo sh -c '$command_line'" >&2
+missing=()
+if ! has_vulkan_driver || ! has_vulkan_loader; then missing+=(mesa-vulkan-drivers libvulkan1); fi
+if ! command -v c++ >/dev/null 2>&1; then missing+=(g++); fi # one dependency compiles C++
+
+if [ "${#missing[@]}" -gt 0 ]; then
+  as_root=()
+  if [ "$(id -u)" != 0 ]; then as_root=(sudo -n); fi
+  echo "Needed and not found: ${missing[*]}." >&2
+  if ! { command -v apt-get >/dev/null 2>&1 && "${as_root[@]}" true 2>/dev/null; }; then
+    echo "Install with:  sudo sh -c 'apt-get update && apt-get install -y ${missing[*]}'" >&2
     exit 2
   fi
+  echo "Installing." >&2
+  "${as_root[@]}" apt-get update -qq >/dev/null
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "${missing[@]}" >/dev/null
 fi
 
 # Mesa wants a folder of its own.

@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow};
 use mullion_common::scene::Package;
 use mullion_common::wall::{Wall, WallConfig};
-use mullion_server::prepare::{self, PrepareOptions};
+use mullion_server::prepare::{self, PrepareOptions, bounded};
 use serde::Serialize;
 
 use crate::progress::Progress;
@@ -28,17 +28,19 @@ pub fn open_scene(path: &Path, options: &PrepareOptions) -> Result<Package> {
 pub fn open_wall(path: &Path) -> Result<Wall> {
     const MAX_WALL_BYTES: u64 = 1 << 20;
     let shown = path.display();
-    let size = fs::metadata(path).with_context(|| shown.to_string())?.len();
-    if size > MAX_WALL_BYTES {
-        return Err(anyhow!("{shown}: {size} bytes; a wall file has at most {MAX_WALL_BYTES}"));
-    }
-    let text = fs::read_to_string(path).with_context(|| shown.to_string())?;
+    let bytes = bounded::read(path, MAX_WALL_BYTES).with_context(|| shown.to_string())?;
+    let text = String::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is no text"))?;
     WallConfig::parse(&text).map_err(|error| anyhow!("{shown}: {error}"))
+}
+
+/// Whether a user named standard output.
+pub fn is_standard_output(path: &Path) -> bool {
+    path == Path::new("-")
 }
 
 /// Creates the file that a report will go to, so that a long show does not end with nowhere to write it.
 pub fn claim(path: &Path) -> Result<()> {
-    if path == Path::new("-") {
+    if is_standard_output(path) {
         return Ok(());
     }
     fs::File::create(path).map(drop).with_context(|| path.display().to_string())
@@ -48,7 +50,7 @@ pub fn claim(path: &Path) -> Result<()> {
 pub fn write_json(value: &impl Serialize, path: &Path) -> Result<()> {
     let mut text = serde_json::to_string_pretty(value)?;
     text.push('\n');
-    if path == Path::new("-") {
+    if is_standard_output(path) {
         return match std::io::stdout().lock().write_all(text.as_bytes()) {
             Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error).context("standard output"),
             _ => Ok(()), // whoever reads it has had enough

@@ -85,8 +85,11 @@ impl Record {
         let (record, wall, package) = (self.clone(), Arc::clone(wall), Arc::clone(package));
         let mut culler = Culler::new(algorithm, &wall);
         Box::new(move |pose, sets| {
+            let start = Instant::now();
             culler.cull(&package.scene.hierarchy, &wall, &pose.eyes, &pose.world_from_room, sets);
+            let cull_us = start.elapsed().as_secs_f64() * 1e6;
             let mut data = record.0.lock().unwrap_or_else(PoisonError::into_inner);
+            keep(&mut data.cull_us, cull_us);
             let Data { sets: last, leaves_seen, .. } = &mut *data;
             for ((set, last), seen) in sets.iter().zip(last).zip(leaves_seen) {
                 last.clone_from(set);
@@ -101,7 +104,6 @@ impl Record {
         let now = Instant::now();
         let frame_ms = data.last_frame.replace(now).map(|last| (now - last).as_secs_f64() * 1e3);
         frame_ms.into_iter().for_each(|ms| keep(&mut data.frame_ms, ms));
-        keep(&mut data.cull_us, frame.cull.as_secs_f64() * 1e6);
         data.frames += 1;
         for (sum, bytes) in data.frame_bytes.iter_mut().zip(&frame.frame_bytes) {
             *sum += u64::from(*bytes);

@@ -125,7 +125,11 @@ fn the_good_files_are_good() {
 fn files_that_are_no_scenes() {
     let folder = Folder::new();
     refused_scene(&folder, &folder.path("absent.glb"), &["No such file"]);
-    refused_scene(&folder, &folder.path(""), &["not a regular file"]);
+    refused_scene(&folder, &folder.path(""), &["is a directory"]);
+    let pipe = folder.path("pipe.glb");
+    if std::process::Command::new("mkfifo").arg(&pipe).status().is_ok_and(|status| status.success()) {
+        refused_scene(&folder, &pipe, &["no regular file"]);
+    }
     let whole = glb(&triangle_gltf());
     refused_scene(&folder, &folder.write("short.glb", &whole[..whole.len() / 2]), &["bytes"]);
     refused_scene(&folder, &folder.write("header.glb", &whole[..10]), &[]);

@@ -48,6 +48,16 @@ fn grids_have_the_tiles_that_they_say() {
     assert_eq!(names, ["left", "front", "right", "floor"]);
 }
 
+/// Measured corners are never exactly square; what is culled and what is drawn must have one shape all the same.
+#[test]
+fn corners_that_are_nearly_square_are_squared() {
+    let skewed = SCREEN.replacen("top_left = [-1.0, 1.0, 0.0]", "top_left = [-0.9992, 1.0, 0.0]", 1);
+    let wall = WallConfig::parse(&skewed).expect("it is square enough");
+    let [bottom_left, bottom_right, top_left] = wall.tiles()[0].corners;
+    assert!((bottom_right - bottom_left).dot(top_left - bottom_left).abs() < 1e-12, "{top_left}");
+    assert!((top_left - glam::DVec3::new(-1.0, 1.0, 0.0)).length() < 1e-6, "{top_left}");
+}
+
 const GRID: &str = "\n[grid]\ncolumns = 2\nrows = 1\ntile_px = [64, 48]\ntile_m = [1.0, 0.75]\n";
 const SCREEN: &str = "eye = [0.0, 1.0, 2.0]\n[[screens]]\nname = \"a\"\nbottom_left = [-1.0, 0.0, 0.0]\nbottom_right = [1.0, 0.0, 0.0]\ntop_left = [-1.0, 1.0, 0.0]\ntile_px = [64, 48]\n";
 
@@ -72,7 +82,7 @@ fn mistakes_are_told_with_line_key_and_rule() {
         (GRID, "\n[grid]", "eye = [0.0, 0.0, -3.0]\n[grid]", 1, &["mirrored"]),
         (GRID, "[grid]", "[grid", 2, &["]"]),
         (SCREEN, "eye = [0.0, 1.0, 2.0]\n", "", 1, &["eye", "missing"]),
-        (SCREEN, "[1.0, 0.0, 0.0]", "[-3.0, 0.0, 0.0]", 2, &["screens.a", "mirrored"]),
+        (SCREEN, "[1.0, 0.0, 0.0]", "[-3.0, 0.0, 0.0]", 5, &["screens.a.bottom_right", "mirrored"]),
         (SCREEN, "[-1.0, 1.0, 0.0]", "[-0.5, 1.0, 0.0]", 6, &["screens.a.top_left", "right angles"]),
         (SCREEN, "[1.0, 0.0, 0.0]", "[-1.0, 0.0, 0.0]", 5, &["screens.a", "coincide"]),
         (SCREEN, "name = \"a\"", "name = \"a/b\"", 3, &["screens.name", "letters"]),

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::prepare::HowToPrepare;
 use crate::camera::{parse_point, place_room};
-use crate::files::{open_scene, open_wall, write_json};
+use crate::files::{is_standard_output, open_scene, open_wall, write_json};
 use crate::say::say;
 
 /// What to cull, from where, and how.
@@ -96,7 +96,8 @@ pub fn run(options: &Options) -> Result<()> {
     let package = open_scene(&options.scene, &options.how.options()?)?;
     let runs = measure(&package, &wall, &eyes, &world_from_room, &algorithms, options.repeat);
     let all = u64::from(package.scene.leaf_count()) * wall.views().len() as u64;
-    for run in &runs {
+    let is_piped = options.json.as_deref().is_some_and(is_standard_output);
+    for run in runs.iter().filter(|_| !is_piped) {
         let pairs: u64 = run.sets.iter().map(|s| u64::from(s.len())).sum();
         say!(
             "{:9} {:10.1} µs  {:9} nodes  {:10} plane tests  {pairs} of {all} (leaf, view) pairs may be visible",

@@ -68,6 +68,7 @@ const BEZEL_PX: u32 = 4;
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     let wall = Arc::new(options.wall.as_deref().map_or_else(|| grid_wall(options.grid), open_wall)?);
+    let layout = WallLayout::new(&wall)?;
     fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let scene = scene_file(&options.scene, &options.out)?;
     let package = Arc::new(open_scene(&scene, &options.how.options()?)?);
@@ -105,7 +106,7 @@ pub fn run(options: &Options) -> Result<()> {
                 feed.close();
                 result
             });
-            display.run(Arc::clone(&gpu), window_options(&wall))?;
+            display.run(Arc::clone(&gpu), window_options(&wall, &layout))?;
             stop.send_replace(true);
             finisher.join().map_err(|_| anyhow!("the show's thread ended unexpectedly"))??
         }
@@ -116,7 +117,7 @@ pub fn run(options: &Options) -> Result<()> {
         result?;
         pictures.extend(painter.pictures()?);
     }
-    write_pictures(&options.out, &wall, pictures)?;
+    write_pictures(&options.out, &wall, &layout, pictures)?;
     write_json(&summary, &options.out.join("report.json"))?;
     summary.print();
     say!("took           {:.1} s", started.elapsed().as_secs_f64());
@@ -203,8 +204,7 @@ fn start_node(
     })
 }
 
-fn window_options(wall: &Wall) -> WindowOptions {
-    let layout = WallLayout::new(wall);
+fn window_options(wall: &Wall, layout: &WallLayout) -> WindowOptions {
     let tiles = wall.views().iter().zip(0..).map(|(view, id)| {
         let rect = layout.tiles[usize::from(view.tile.0)];
         let [x, y, w, h] = [rect.x, rect.y, rect.width, rect.height].map(|v| v as f32);
@@ -218,7 +218,7 @@ fn window_options(wall: &Wall) -> WindowOptions {
     }
 }
 
-fn write_pictures(out: &Path, wall: &Wall, pictures: Vec<(String, RgbaImage)>) -> Result<()> {
+fn write_pictures(out: &Path, wall: &Wall, layout: &WallLayout, pictures: Vec<(String, RgbaImage)>) -> Result<()> {
     let mut by_tile: Vec<Option<RgbaImage>> = vec![None; wall.tiles().len()];
     for (name, picture) in pictures {
         write_png(&out.join("tiles").join(format!("{name}.png")), &picture)?;
@@ -226,6 +226,6 @@ fn write_pictures(out: &Path, wall: &Wall, pictures: Vec<(String, RgbaImage)>) -
             by_tile[usize::from(tile.0)] = Some(picture);
         }
     }
-    write_png(&out.join("wall.png"), &WallLayout::new(wall).compose(&by_tile))?;
+    write_png(&out.join("wall.png"), &layout.compose(&by_tile))?;
     Ok(())
 }

@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use mullion_common::geometry::{Aabb, Obb};
 use mullion_common::scene::{ObjectId, Scene};
 use mullion_server::prepare::{SceneStatistics, statistics};
 use serde::Serialize;
 
 use super::prepare::HowToPrepare;
-use crate::files::{open_scene, write_json};
+use crate::files::{is_standard_output, open_scene, write_json};
 use crate::say::say;
 
 /// Which scene, and how to tell.
@@ -29,8 +29,13 @@ pub struct Options {
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
+    let is_piped = options.leaves.as_deref().is_some_and(is_standard_output);
+    ensure!(!(options.json && is_piped), "--json and --leaves - both go to standard output: give --leaves a file");
     let package = open_scene(&options.file, &options.how.options()?)?;
     let counts = statistics(&package);
+    if is_piped {
+        return write_json(&leaf_reports(&package.scene), Path::new("-"));
+    }
     if options.json {
         write_json(&counts, Path::new("-"))?;
     } else {
@@ -91,7 +96,7 @@ fn leaf_reports(scene: &Scene) -> Vec<LeafReport> {
             instance: object.instance,
             triangles: scene.sources.triangles_of(leaf as u32).to_vec(),
             obb: node.bound,
-            aabb: node.bound.aabb(),
+            aabb: record.local_aabb().transformed(&scene.manifest.transforms[record.object.0 as usize].affine()),
         }
     };
     leaf_nodes.enumerate().map(report).collect()

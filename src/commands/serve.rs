@@ -31,7 +31,7 @@ pub struct Options {
     #[arg(long, value_name = "ADDRESS", default_value_t = SocketAddr::from(([127, 0, 0, 1], DEFAULT_PORT)))]
     listen: SocketAddr,
     /// End after so many frames; go on until stopped if left out.
-    #[arg(long)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
     /// Frames a second; the wall file's if left out, 0 for as many as the tiles can show.
     #[arg(long, allow_negative_numbers = true, value_name = "HZ")]

@@ -4,10 +4,11 @@ use std::fs;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use mullion_common::scene::{Package, PackageError};
+use mullion_common::scene::{MAX_PACKAGE_BYTES, Package, PackageError};
 use thiserror::Error;
 
 mod assemble;
+pub mod bounded;
 mod chunks;
 mod divide;
 pub mod gltf;
@@ -27,7 +28,7 @@ pub type ProgressFn<'a> = &'a (dyn Fn(&'static str, u64, u64) + Sync);
 pub const MAX_LEAF_TRIANGLES: u32 = 21_845;
 
 /// How a scene is prepared.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PrepareOptions {
     /// Larger meshes are divided into leaves of at most so many triangles, 1 to [`MAX_LEAF_TRIANGLES`]. Smaller
     /// leaves cull more finely and cost more draws.
@@ -72,29 +73,37 @@ pub struct Prepared {
 /// # Errors
 /// When the file cannot be read or holds no scene.
 pub fn open(path: &Path, options: &PrepareOptions, progress: ProgressFn<'_>) -> Result<Prepared, PrepareError> {
+    const MAGIC_BYTES: u64 = 8;
     let io_error = |error| PrepareError::Io { file: path.display().to_string(), error };
-    let mut magic = [0; 8];
-    let is_package = {
-        let mut file = fs::File::open(path).map_err(io_error)?;
-        io::Read::read_exact(&mut file, &mut magic).is_ok() && Package::has_magic(&magic)
-    };
-    if is_package {
-        let bytes = fs::read(path).map_err(io_error)?;
+    let start = bounded::read_start(path, MAGIC_BYTES, MAX_PACKAGE_BYTES).map_err(io_error)?;
+    if Package::has_magic(&start) {
+        let bytes = bounded::read(path, MAX_PACKAGE_BYTES).map_err(io_error)?;
         let package = Package::read(&bytes).map_err(|error| PrepareError::Package { file: path.display().to_string(), error })?;
-        return Ok(Prepared { package, warnings: Vec::new() });
+        let mut warnings = Vec::new();
+        if *options != PrepareOptions::default() {
+            warnings.push(format!("{}: is prepared already; the choices of preparation are not used", path.display()));
+        }
+        return Ok(Prepared { package, warnings });
     }
     prepare(gltf::load(path, progress)?, options, progress)
 }
 
-/// Writes a package to a file.
+/// Writes a package to a file, which appears whole or not at all.
 ///
 /// # Errors
 /// When the file cannot be written.
 pub fn write_package(package: &Package, path: &Path) -> Result<(), PrepareError> {
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".part");
+    let partial = Path::new(&partial);
     let write = || -> io::Result<()> {
-        let mut out = BufWriter::new(fs::File::create(path)?);
+        let mut out = BufWriter::new(fs::File::create(partial)?);
         package.write_to(&mut out)?;
-        out.flush()
+        out.flush()?;
+        fs::rename(partial, path)
     };
-    write().map_err(|error| PrepareError::Io { file: path.display().to_string(), error })
+    write().map_err(|error| {
+        let _ = fs::remove_file(partial); // what is there is of no use
+        PrepareError::Io { file: path.display().to_string(), error }
+    })
 }
