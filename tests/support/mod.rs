@@ -81,6 +81,9 @@ pub struct Process {
 impl Process {
     pub fn start<S: AsRef<OsStr>>(args: &[S]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_mullion"));
+        if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+            command.env("XDG_RUNTIME_DIR", std::env::temp_dir()); // Mesa complains without one
+        }
         command.args(args).env_remove("MULLION_LOG").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().expect("the binary starts");
         let out = Lines::of(child.stdout.take().expect("it is piped"));
