@@ -335,11 +335,6 @@ impl TileSession {
         }
     }
 
-    /// How many chunks are there.
-    pub fn resident_chunks(&self) -> usize {
-        self.scene.as_ref().map_or(0, |s| s.residency.resident_count())
-    }
-
     fn close(&mut self, bye: Bye, by: EndedBy) {
         if !self.closed {
             self.closed = true;
