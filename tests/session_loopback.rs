@@ -128,7 +128,8 @@ fn hello(node: &str, version: u32) -> Vec<u8> {
 
 fn strangers(address: SocketAddr) {
     assert_eq!(goodbye(&speak(address, b"\x10\0\0\0GET / HTTP/1.1\r\n")).0, ByeCode::Malformed);
-    assert_eq!(goodbye(&speak(address, &[0xff; 64])).0, ByeCode::TooLarge);
+    let messages = speak(address, &[0xff; 64]);
+    assert_eq!(goodbye(&messages), (ByeCode::TooLarge, "the message is longer than the 1024 bytes allowed"));
     assert_eq!(goodbye(&speak(address, &hello("nobody", PROTOCOL_VERSION))).0, ByeCode::UnknownNode);
     let messages = speak(address, &hello("t0x0", PROTOCOL_VERSION + 6));
     let (code, reason) = goodbye(&messages);

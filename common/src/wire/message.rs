@@ -176,7 +176,9 @@ impl Bye {
     pub fn for_error(error: &WireError) -> Self {
         let code = match error {
             WireError::Version { .. } => ByeCode::VersionMismatch,
-            WireError::Limit { .. } | WireError::Codec(codec::CodecError::TooLarge { .. }) => ByeCode::TooLarge,
+            WireError::Limit { .. } | WireError::TooLong { .. } | WireError::Codec(codec::CodecError::TooLarge { .. }) => {
+                ByeCode::TooLarge
+            }
             _ => ByeCode::Malformed,
         };
         Self::new(code, error.to_string())

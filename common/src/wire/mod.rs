@@ -132,6 +132,8 @@ pub enum WireError {
     Version { theirs: u32 },
     #[error("{what}: {value}, at most {cap} are allowed")]
     Limit { what: &'static str, value: u64, cap: u64 },
+    #[error("the message is longer than the {cap} bytes allowed")]
+    TooLong { cap: usize },
     #[error("{what} is not finite")]
     NotFinite { what: &'static str },
     #[error("{what}: cut off or out of order")]
