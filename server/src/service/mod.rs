@@ -17,10 +17,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use glam::{DAffine3, DVec3};
-use mullion_common::scene::{Package, PackageError};
+use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, Moved};
+use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES, Moved};
 use thiserror::Error;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{mpsc, oneshot, watch};
@@ -187,6 +187,10 @@ pub struct ShowReport {
 pub enum ServiceError {
     #[error("scene: {0}")]
     Package(#[from] PackageError),
+    #[error(
+        "scene: its section {kind:?} has {length} bytes; nodes take at most {MAX_TILE_SECTION_BYTES}: prepare it with fewer, larger leaves"
+    )]
+    SectionTooLarge { kind: SectionKind, length: u64 },
     #[error("rate: {0} frames a second; it must be more than 0")]
     Rate(f64),
     #[error("network: {0}")]
@@ -209,7 +213,7 @@ pub fn run(listener: std::net::TcpListener, show: Show) -> Result<ShowReport, Se
 /// this; what peers do never ends it.
 ///
 /// # Errors
-/// When the scene has no sections for tiles or the rate is none. The network's faults are the peers' and are logged.
+/// When the scene's sections for tiles are missing or larger than tiles take, or the rate is none. The network's faults are the peers' and are logged.
 pub async fn serve(listener: TcpListener, show: Show) -> Result<ShowReport, ServiceError> {
     let pace = match show.options.rate {
         Rate::AsFastAsPossible => Pace::AsFastAsPossible,
