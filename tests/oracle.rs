@@ -15,7 +15,7 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_server::cull::{Algorithm, Culler};
 use mullion_server::prepare::{PrepareOptions, scene_bounds};
-use support::Random;
+use support::random::Random;
 
 /// A triangle of the source file in the world, and the leaf that claims it.
 struct SourceTriangle {

@@ -18,7 +18,7 @@ use mullion_client::node::{DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeRep
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
 use mullion_common::wire::{ByeCode, Hello, LENGTH_BYTES, Moved, Opening, PROTOCOL_VERSION, ToTile, ViewSpec};
-use mullion_server::service::{Pose, Rate, Show, ShowOptions, ShowReport, run as run_show};
+use mullion_server::service::{Pose, Rate, ServiceError, Show, ShowOptions, ShowReport, run as run_show};
 use session_support::{chunks_of, package, visible, wall};
 
 const LEAVES: u32 = 300;
@@ -128,7 +128,8 @@ fn hello(node: &str, version: u32) -> Vec<u8> {
 
 fn strangers(address: SocketAddr) {
     assert_eq!(goodbye(&speak(address, b"\x10\0\0\0GET / HTTP/1.1\r\n")).0, ByeCode::Malformed);
-    assert_eq!(goodbye(&speak(address, &[0xff; 64])).0, ByeCode::TooLarge);
+    let messages = speak(address, &[0xff; 64]);
+    assert_eq!(goodbye(&messages), (ByeCode::TooLarge, "the message is longer than the 1024 bytes allowed"));
     assert_eq!(goodbye(&speak(address, &hello("nobody", PROTOCOL_VERSION))).0, ByeCode::UnknownNode);
     let messages = speak(address, &hello("t0x0", PROTOCOL_VERSION + 6));
     let (code, reason) = goodbye(&messages);
@@ -234,6 +235,48 @@ fn a_wall_over_sockets_survives_its_peers() {
         assert_eq!(report.connections, 1, "node {i}");
         assert_eq!(report.shown, shown.len() as u64);
         assert_eq!(shown.last(), Some(&(show.frames - 1)), "node {i} is in the picture");
+    }
+}
+
+#[test]
+fn a_camera_that_gives_no_pose_ends_the_show_with_its_fault() {
+    let bad: [fn(&mut Pose); 2] = [|pose| pose.eyes.truncate(1), |pose| pose.eyes[1].y = f64::NAN];
+    for (spoil, problem) in bad.into_iter().zip(["eyes: 1; the wall has 2 views", "the eye of view 1 is not finite"]) {
+        let wall = wall(2, 1);
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let eyes = wall.default_eyes();
+        let is_there = Arc::new(AtomicBool::new(false));
+        let joined = Arc::clone(&is_there);
+        let show = Show {
+            options: ShowOptions {
+                barrier_wait: Duration::from_millis(5),
+                rate: Rate::Hz(250.0),
+                ..ShowOptions::for_wall(&wall)
+            },
+            wall,
+            package: package(3),
+            camera: Box::new(move |_| {
+                let mut pose = Pose { eyes: eyes.clone(), ..Pose::default() };
+                if is_there.load(Ordering::SeqCst) {
+                    spoil(&mut pose);
+                }
+                pose
+            }),
+            cull: Box::new(|_, _| {}),
+            observer: Box::new(|_| {}),
+            node_observer: Box::new(move |_| joined.store(true, Ordering::SeqCst)),
+            stop: None,
+        };
+        let service = thread::spawn(move || run_show(listener, show));
+        let messages = speak(address, &hello("t1x0", PROTOCOL_VERSION));
+        let (code, reason) = goodbye(&messages);
+        assert_eq!(code, ByeCode::Failed);
+        assert!(reason.ends_with(problem), "{reason}");
+        match service.join().unwrap() {
+            Err(error @ ServiceError::Pose { .. }) => assert_eq!(error.to_string(), reason),
+            other => panic!("{other:?}"),
+        }
     }
 }
 

@@ -25,7 +25,8 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wire::{Bye, ByeCode, Moved, Opening, SectionRef, ToTile, body_of};
 use mullion_server::master::{FrameInput, FrameReleased, Kind, Master, MasterOptions, Outbox, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
-use session_support::{OBJECTS, Rng, chunks_of, package, transform, visible, wall};
+use session_support::random::Random;
+use session_support::{OBJECTS, chunks_of, package, transform, visible, wall};
 
 const LEAVES: u32 = 200;
 /// When the show is stopped. Faults are over long before.
@@ -114,7 +115,7 @@ impl Node {
 
 struct Sim {
     seed: u64,
-    rng: Rng,
+    rng: Random,
     now: Duration,
     queue: BinaryHeap<Reverse<(Duration, u64, Event)>>,
     order: u64,
@@ -141,7 +142,7 @@ struct Sim {
 
 impl Sim {
     fn new(seed: u64) -> Self {
-        let mut rng = Rng(seed);
+        let mut rng = Random(seed);
         let wall = wall(3, 2);
         let package = package(LEAVES);
         let mut sections = Vec::new();

@@ -11,9 +11,10 @@ use mullion_common::wall::Projection;
 use mullion_common::wire::{Moved, ViewSpec};
 
 use crate::frame::{FrameInput, Planner, ViewInput};
-use crate::gpu::{Attachments, Gpu, GpuError, Renderer, TileRect, ViewTarget};
+use crate::gpu::{Attachments, Gpu, GpuError, Renderer, ViewTarget};
 use crate::node::{PaintError, Painter};
 use crate::output::headless::write_png;
+use crate::output::layout;
 use crate::output::window::WindowFeed;
 use crate::tile_session::{DrawStats, FrameToDraw};
 
@@ -27,7 +28,7 @@ pub enum Output {
     Folder { folder: PathBuf, every: u64 },
     /// A window that others have laid out.
     Window(WindowFeed),
-    /// A window of the node's own: its tiles in a row, in the order in which the wall names them.
+    /// A window of the node's own: its tiles as they stand on the wall, or in a row where they do not lie in one plane.
     OwnWindow(WindowFeed),
 }
 
@@ -84,18 +85,6 @@ impl GpuPainter {
     }
 }
 
-/// Tiles side by side.
-fn row_of_tiles(views: &[ViewSpec]) -> Vec<TileRect> {
-    let mut left = 0.0;
-    let place = |spec: &ViewSpec| {
-        let [w, h] = spec.size_px.map(|edge| edge as f32);
-        let rect = TileRect { view: spec.view, x: left, y: 0.0, w, h };
-        left += w;
-        rect
-    };
-    views.iter().map(place).collect()
-}
-
 fn failed(error: impl std::fmt::Display) -> PaintError {
     PaintError::Failed(error.to_string())
 }
@@ -106,7 +95,7 @@ impl Painter for GpuPainter {
         let renderer =
             Renderer::new(Arc::clone(&self.gpu), Arc::clone(manifest), &targets, Attachments::Color).map_err(failed)?;
         if let Output::OwnWindow(feed) = &self.output {
-            feed.lay_out(row_of_tiles(views)).map_err(|_| PaintError::Closed)?;
+            feed.lay_out(layout::lay_out(views)).map_err(|_| PaintError::Closed)?;
         }
         self.scene = Some(OpenScene { manifest: Arc::clone(manifest), views: views.to_vec(), renderer });
         Ok(())

@@ -298,6 +298,21 @@ impl Easel<'_> {
     }
 }
 
+/// Why there is no connection, as it was told last: one line for each reason, not for each attempt.
+#[derive(Debug, Default)]
+struct Complaint(Option<String>);
+
+impl Complaint {
+    /// Whether the reason is to be told.
+    fn is_new(&mut self, reason: &str) -> bool {
+        let is_new = self.0.as_deref() != Some(reason);
+        if is_new {
+            self.0 = Some(reason.to_owned());
+        }
+        is_new
+    }
+}
+
 /// The sockets' side.
 struct Network {
     hello: Opening,
@@ -330,11 +345,14 @@ impl Network {
         let Reconnect { first, longest, give_up_after } = self.options.reconnect;
         let mut pause = first;
         let mut without = Instant::now();
+        let mut complaint = Complaint::default();
         loop {
-            let started = Instant::now();
+            let mut was_good = false;
             let end = match connect(&self.options.master).await {
                 Ok(stream) => {
+                    let started = Instant::now();
                     let end = self.converse(stream).await;
+                    was_good = started.elapsed() >= GOOD_CONNECTION;
                     without = Instant::now();
                     if self.events.send(Event::Disconnected).await.is_err() {
                         return Ok(());
@@ -354,10 +372,16 @@ impl Network {
                 let (master, seconds) = (self.options.master.clone(), without.elapsed().as_secs_f64());
                 return Err(NodeError::Unreachable { master, seconds, last });
             }
-            if started.elapsed() >= GOOD_CONNECTION {
+            if was_good {
                 pause = first;
+                complaint = Complaint::default();
             }
-            tracing::info!("no connection to {}: {last}; trying again in {} ms", self.options.master, pause.as_millis());
+            let (node, master) = (&self.options.node, &self.options.master);
+            if complaint.is_new(&last) {
+                tracing::warn!("node {node}: no connection to {master}: {last}; trying again until there is one");
+            } else {
+                tracing::debug!("node {node}: no connection to {master}: {last}; trying again in {} ms", pause.as_millis());
+            }
             tokio::select! {
                 () = tokio::time::sleep(pause) => {}
                 () = self.events.closed() => return Ok(()),
@@ -545,4 +569,16 @@ async fn write_message(
     encode(buffer).map_err(io::Error::other)?;
     let too_slow = || io::Error::new(io::ErrorKind::TimedOut, "the master does not read");
     timeout(SILENCE_LIMIT, writer.write_all(buffer)).await.map_err(|_| too_slow())?
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reason_is_told_once_until_another_comes() {
+        let mut complaint = Complaint::default();
+        let told = ["refused", "refused", "refused", "a namesake", "a namesake", "refused"].map(|r| complaint.is_new(r));
+        assert_eq!(told, [true, false, false, true, false, true]);
+    }
 }

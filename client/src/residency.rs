@@ -21,7 +21,6 @@ pub struct Residency {
     entries: Vec<Entry>,
     cap_bytes: u64,
     resident_bytes: u64,
-    resident_count: usize,
     frame: u64,
     /// Leaves that lack a chunk, by their squared distance from the eye.
     lacking: Vec<(f64, u32)>,
@@ -33,14 +32,7 @@ impl Residency {
     /// `cap_bytes`: what resident chunks may take. Too low a cap for what one frame needs is exceeded, not obeyed:
     /// see [`Residency::evict`].
     pub fn new(chunk_count: usize, cap_bytes: u64) -> Self {
-        Self {
-            entries: vec![Entry::default(); chunk_count],
-            cap_bytes,
-            resident_bytes: 0,
-            resident_count: 0,
-            frame: 0,
-            lacking: Vec::new(),
-        }
+        Self { entries: vec![Entry::default(); chunk_count], cap_bytes, resident_bytes: 0, frame: 0, lacking: Vec::new() }
     }
 
     /// Starts a frame that draws these sets, and finds the chunks that it lacks, each once, those needed most in front:
@@ -94,7 +86,6 @@ impl Residency {
     pub fn loaded(&mut self, chunk: ChunkId, bytes: u64) {
         let Some(entry) = self.entries.get_mut(chunk.0 as usize) else { return };
         self.resident_bytes = self.resident_bytes - entry.bytes.unwrap_or(0) + bytes;
-        self.resident_count += usize::from(entry.bytes.is_none());
         entry.bytes = Some(bytes);
     }
 
@@ -115,7 +106,6 @@ impl Residency {
                 break;
             }
             self.resident_bytes -= self.entries[chunk.0 as usize].bytes.take().unwrap_or(0);
-            self.resident_count -= 1;
         }
         out.truncate(kept);
     }
@@ -123,11 +113,6 @@ impl Residency {
     /// Bytes of all resident chunks.
     pub fn resident_bytes(&self) -> u64 {
         self.resident_bytes
-    }
-
-    /// How many chunks are resident.
-    pub fn resident_count(&self) -> usize {
-        self.resident_count
     }
 }
 
@@ -189,7 +174,7 @@ mod tests {
         residency.loaded(ChunkId(4), 10);
         residency.loaded(ChunkId(3), 10);
         assert_eq!(lacks(&mut residency, &scene, &[&some, &all]), ids(&[1, 2, 0]));
-        assert_eq!(residency.resident_count(), 2);
+        assert_eq!(residency.resident_bytes(), 20);
     }
 
     #[test]
@@ -227,7 +212,6 @@ mod tests {
                 let needed: Vec<_> = set.leaves().flat_map(|leaf| chunks_of(&scene, leaf)).flatten().collect();
                 let idle = (0..5).map(ChunkId).filter(|c| residency.is_resident(*c) && !needed.contains(c));
                 prop_assert!(residency.resident_bytes() <= 100 || idle.count() == 0);
-                prop_assert_eq!(residency.resident_count(), (0..5).filter(|c| residency.is_resident(ChunkId(*c))).count());
             }
         }
     }

@@ -1,6 +1,9 @@
 //! A small scene and a small wall for tests of master and nodes.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+#[path = "../support/random.rs"]
+pub mod random;
+
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
@@ -11,29 +14,7 @@ use mullion_common::scene::{
 };
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Wall, WallConfig};
-
-/// A seeded generator (splitmix64): the same on every machine.
-#[derive(Clone, Debug)]
-pub struct Rng(pub u64);
-
-impl Rng {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// In `low..high`.
-    pub fn within(&mut self, low: u64, high: u64) -> u64 {
-        low + self.next() % (high - low)
-    }
-
-    pub fn chance(&mut self, one_in: u64) -> bool {
-        self.next().is_multiple_of(one_in)
-    }
-}
+use random::Random;
 
 /// A wall of `columns × rows` tiles, each driven by a node of its name.
 pub fn wall(columns: u32, rows: u32) -> Arc<Wall> {
@@ -106,7 +87,7 @@ pub fn package(leaf_count: u32) -> Arc<Package> {
 
 /// What a view sees in a frame: a window that wanders over the leaves, with holes.
 pub fn visible(seed: u64, frame: u64, view: usize, leaf_count: u32) -> VisibleSet {
-    let mut rng = Rng(seed ^ (frame / 3) << 20 ^ (view as u64) << 50);
+    let mut rng = Random(seed ^ (frame / 3) << 20 ^ (view as u64) << 50);
     let start = ((frame / 2 + 13 * view as u64) % u64::from(leaf_count)) as u32;
     let mut set = VisibleSet::default();
     for _ in 0..rng.within(0, 6) {

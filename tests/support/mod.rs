@@ -1,6 +1,8 @@
 //! What several integration tests need.
 #![allow(dead_code)] // each test uses its part
 
+pub mod random;
+
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -33,24 +35,6 @@ pub fn models(names: &[&str]) -> Vec<PathBuf> {
             println!("skipped {names:?}: MULLION_MODELS is not set");
             Vec::new()
         }
-    }
-}
-
-/// A small deterministic generator (splitmix64) for seeds in tests.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in `low..high`.
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 }
 

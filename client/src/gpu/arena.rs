@@ -169,8 +169,8 @@ impl Arena {
 
     fn new_page(&self, gpu: &Gpu, vertex_count: u32, index_count: u32) -> Result<Page, TooLarge> {
         let limit = gpu.device.limits().max_buffer_size;
-        let regular = (FIRST_PAGE_VERTICES << self.pages.len().min(16)).min(LARGEST_PAGE_VERTICES);
-        let regular = regular.min((limit / size_of::<Vertex>() as u64) as u32);
+        let most = u32::try_from(limit / size_of::<Vertex>() as u64).unwrap_or(u32::MAX);
+        let regular = page_vertices(self.pages.len()).min(most);
         let vertices = regular.max(vertex_count);
         let indices = (regular * INDICES_PER_VERTEX).max(padded(index_count));
         let buffer = |label, bytes: u64, usage| {
@@ -188,6 +188,13 @@ impl Arena {
             free_indices: FreeList::new(indices),
         })
     }
+}
+
+/// Vertices of the page that follows so many.
+fn page_vertices(pages: usize) -> u32 {
+    const DOUBLINGS: usize = (LARGEST_PAGE_VERTICES / FIRST_PAGE_VERTICES).ilog2() as usize;
+    const _: () = assert!(FIRST_PAGE_VERTICES << DOUBLINGS == LARGEST_PAGE_VERTICES, "doubling meets the cap");
+    FIRST_PAGE_VERTICES << pages.min(DOUBLINGS)
 }
 
 impl Page {
@@ -256,6 +263,12 @@ impl FreeList {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn pages_double_up_to_the_cap_and_stay_there() {
+        assert_eq!([0, 1, 5].map(page_vertices), [1 << 16, 1 << 17, 1 << 21]);
+        assert_eq!([6, 15, 16, 40, usize::MAX].map(page_vertices), [LARGEST_PAGE_VERTICES; 5]);
+    }
 
     proptest! {
         /// Against a map of who owns each place.

@@ -175,6 +175,7 @@ pub struct TileSession {
     moved_early: HashMap<ObjectId, Transform>,
     drawing: Option<Arc<FrameToDraw>>,
     drawn: Option<u64>,
+    /// The frame of this connection that is shown.
     shown: Option<u64>,
     last_stats: DrawStats,
     closed: bool,
@@ -235,6 +236,7 @@ impl TileSession {
         self.lack.frame = None;
         self.drawing = None;
         self.drawn = None;
+        self.shown = None; // another master may count its frames anew
         self.acknowledged.clear();
         self.damaged.clear();
         self.on_the_way.clear();
@@ -331,16 +333,6 @@ impl TileSession {
             triangles: self.last_stats.triangles,
             resident_bytes: self.scene.as_ref().map_or(0, |s| s.residency.resident_bytes()),
         }
-    }
-
-    /// The frame that is shown.
-    pub fn shown(&self) -> Option<u64> {
-        self.shown
-    }
-
-    /// How many chunks are there.
-    pub fn resident_chunks(&self) -> usize {
-        self.scene.as_ref().map_or(0, |s| s.residency.resident_count())
     }
 
     fn close(&mut self, bye: Bye, by: EndedBy) {

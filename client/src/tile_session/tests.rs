@@ -144,7 +144,22 @@ fn chunks_and_picture_outlive_a_connection() {
     session.handle_message(frame(7, None, &[(1, 3)]));
     let got = actions(&mut session);
     assert!(matches!(&got[..], [Action::Draw(frame)] if frame.number == 7), "nothing is fetched again: {got:?}");
-    assert_eq!(session.shown(), Some(0));
+}
+
+#[test]
+fn a_frame_is_shown_though_the_connection_before_had_one_of_its_number() {
+    let mut session = drawn();
+    session.handle_message(ToTile::Swap { frame: 0 });
+    assert_eq!(actions(&mut session), [Action::Show { frame: 0 }]);
+    session.disconnected();
+    session.connected();
+    session.handle_message(welcome());
+    session.handle_message(manifest());
+    session.handle_message(frame(0, None, &[(0, 2)]));
+    assert!(matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.number == 0));
+    session.drawn(0, DrawStats::default());
+    session.handle_message(ToTile::Swap { frame: 0 });
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0 }), Action::Show { frame: 0 }]);
 }
 
 #[test]

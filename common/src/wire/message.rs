@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Frame, MAGIC, MAX_CACHED, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_CREDENTIALS_BYTES, MAX_NAME_BYTES,
-    MAX_OPENING_BYTES, MAX_PIECE_BYTES, MAX_REASON_BYTES, MAX_SECTION_BYTES, MAX_SECTIONS, MAX_TO_MASTER_BYTES,
+    MAX_OPENING_BYTES, MAX_PIECE_BYTES, MAX_REASON_BYTES, MAX_SECTIONS, MAX_TILE_SECTION_BYTES, MAX_TO_MASTER_BYTES,
     MAX_TO_TILE_BYTES, MAX_VIEWS, MAX_WANTED, PROTOCOL_VERSION, WireError, codec, framed, within,
 };
 use crate::scene::{ChunkHash, SectionKind};
@@ -176,7 +176,9 @@ impl Bye {
     pub fn for_error(error: &WireError) -> Self {
         let code = match error {
             WireError::Version { .. } => ByeCode::VersionMismatch,
-            WireError::Limit { .. } | WireError::Codec(codec::CodecError::TooLarge { .. }) => ByeCode::TooLarge,
+            WireError::Limit { .. } | WireError::TooLong { .. } | WireError::Codec(codec::CodecError::TooLarge { .. }) => {
+                ByeCode::TooLarge
+            }
             _ => ByeCode::Malformed,
         };
         Self::new(code, error.to_string())
@@ -509,10 +511,10 @@ impl Manifest {
     fn check(&self) -> Result<(), WireError> {
         within("sections", self.sections.len(), MAX_SECTIONS)?;
         let longest = self.sections.iter().map(|s| s.length).max().unwrap_or(0);
-        if longest <= MAX_SECTION_BYTES {
+        if longest <= MAX_TILE_SECTION_BYTES {
             Ok(())
         } else {
-            Err(WireError::Limit { what: "bytes of a section", value: longest, cap: MAX_SECTION_BYTES })
+            Err(WireError::Limit { what: "bytes of a section", value: longest, cap: MAX_TILE_SECTION_BYTES })
         }
     }
 }
@@ -575,8 +577,8 @@ impl<'a> ChunkReply<'a> {
                 let (PieceHead { hash, offset, total }, used) = codec::decode_prefix::<_, HEAD>(rest)?;
                 let bytes = &rest[used..];
                 within("bytes of a piece", bytes.len(), MAX_PIECE_BYTES)?;
-                if total > MAX_SECTION_BYTES {
-                    return Err(WireError::Limit { what: "bytes of a blob", value: total, cap: MAX_SECTION_BYTES });
+                if total > MAX_TILE_SECTION_BYTES {
+                    return Err(WireError::Limit { what: "bytes of a blob", value: total, cap: MAX_TILE_SECTION_BYTES });
                 }
                 match offset.checked_add(bytes.len() as u64) {
                     Some(end) if end <= total => Ok(Self::Piece(Piece { hash, offset, total, bytes })),

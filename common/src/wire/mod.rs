@@ -95,7 +95,7 @@ pub const MAX_VIEWS: usize = 2048;
 /// Most sections in a manifest.
 pub const MAX_SECTIONS: usize = 16;
 /// Largest section that travels as a blob.
-pub const MAX_SECTION_BYTES: u64 = 1 << 30;
+pub const MAX_TILE_SECTION_BYTES: u64 = 1 << 30;
 /// Most blobs that a node may have asked for and not got.
 pub const MAX_WANTED: usize = 256;
 /// How many frames back a base may lie.
@@ -110,7 +110,7 @@ const _: () = assert!(GREETING_BYTES <= MAX_OPENING_BYTES, "a full greeting fits
 const _: () = assert!(1 + 8 + MAX_WANTED * 32 <= MAX_CHUNK_REQUEST_BYTES, "a full list fits its cap");
 const _: () = assert!(1 + 4 + 8 + MAX_REASON_BYTES <= MAX_OPENING_BYTES, "a refusal fits every cap");
 const _: () = assert!(1 + 32 + 8 + 8 + MAX_PIECE_BYTES <= MAX_CHUNK_REPLY_BYTES, "a full piece fits its cap");
-const _: () = assert!(MAX_CHUNK_BYTES as u64 <= MAX_SECTION_BYTES, "one cap holds for chunks and sections");
+const _: () = assert!(MAX_CHUNK_BYTES as u64 <= MAX_TILE_SECTION_BYTES, "one cap holds for chunks and sections");
 const _: () = assert!(ALIVE_EVERY.as_secs() * 4 <= SILENCE_LIMIT.as_secs(), "a few lost signs of life are no death");
 
 /// Bytes of the length before every body.
@@ -132,6 +132,8 @@ pub enum WireError {
     Version { theirs: u32 },
     #[error("{what}: {value}, at most {cap} are allowed")]
     Limit { what: &'static str, value: u64, cap: u64 },
+    #[error("the message is longer than the {cap} bytes allowed")]
+    TooLong { cap: usize },
     #[error("{what} is not finite")]
     NotFinite { what: &'static str },
     #[error("{what}: cut off or out of order")]

@@ -44,7 +44,8 @@ pub struct PeerId(pub u64);
 pub enum Pace {
     /// As soon as the one before was released.
     AsFastAsPossible,
-    /// On a steady beat; a beat that is missed is skipped.
+    /// One so long after the other. A frame that is released later than that begins the next at once, and the beat goes on
+    /// from there: nothing is made up for.
     Every(Duration),
 }
 

@@ -3,8 +3,10 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use mullion_common::scene::{ChunkHash, ChunkId, Package, PackageError, SectionKind};
-use mullion_common::wire::SectionRef;
+use mullion_common::scene::{ChunkHash, ChunkId, Package, SectionKind};
+use mullion_common::wire::{MAX_TILE_SECTION_BYTES, SectionRef};
+
+use super::ServiceError;
 
 #[derive(Clone, Copy, Debug)]
 enum Place {
@@ -21,15 +23,18 @@ pub(super) struct Blobs {
 }
 
 impl Blobs {
-    pub fn new(package: Arc<Package>) -> Result<(Self, Vec<SectionRef>), PackageError> {
+    /// # Errors
+    /// When a section is missing, or larger than nodes take.
+    pub fn new(package: Arc<Package>) -> Result<(Self, Vec<SectionRef>), ServiceError> {
         let mut refs = Vec::new();
         let mut sections = Vec::new();
         let chunks = package.scene.manifest.chunks.iter().enumerate();
         let mut places: HashMap<_, _> = chunks.map(|(i, c)| (c.hash, Place::Chunk(ChunkId(i as u32)))).collect();
         for kind in SectionKind::FOR_TILES {
             let bytes = package.scene.section_bytes(kind)?;
+            let length = sendable(kind, bytes.len() as u64)?;
             let hash = ChunkHash::of(&bytes);
-            refs.push(SectionRef { kind, hash, length: bytes.len() as u64 });
+            refs.push(SectionRef { kind, hash, length });
             places.insert(hash, Place::Section(sections.len()));
             sections.push(bytes);
         }
@@ -41,5 +46,25 @@ impl Blobs {
             Place::Chunk(id) => self.package.chunk(id),
             Place::Section(i) => &self.sections[i],
         })
+    }
+}
+
+/// The length of a section that nodes take. They would leave at the manifest, again and again, for a larger one.
+fn sendable(kind: SectionKind, length: u64) -> Result<u64, ServiceError> {
+    if length <= MAX_TILE_SECTION_BYTES { Ok(length) } else { Err(ServiceError::SectionTooLarge { kind, length }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_section_that_no_node_takes_is_an_error_before_the_show() {
+        assert_eq!(sendable(SectionKind::Leaves, MAX_TILE_SECTION_BYTES).unwrap(), MAX_TILE_SECTION_BYTES);
+        let error = sendable(SectionKind::Leaves, MAX_TILE_SECTION_BYTES + 1).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "scene: its section Leaves has 1073741825 bytes; nodes take at most 1073741824: prepare it with fewer, larger leaves"
+        );
     }
 }

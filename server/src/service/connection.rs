@@ -112,8 +112,7 @@ impl Connection {
             Some(Ok(body)) => Some(body.to_vec()),
             Some(Err(error)) if error.kind() == io::ErrorKind::InvalidData => {
                 // The codec keeps the length to itself.
-                let error = WireError::Limit { what: "bytes of a message", value: cap as u64 + 1, cap: cap as u64 };
-                self.report(error).await
+                self.report(WireError::TooLong { cap }).await
             }
             _ => None,
         }

@@ -6,6 +6,7 @@
 mod blobs;
 mod connection;
 mod mailbox;
+mod pose;
 
 use std::collections::BTreeMap;
 use std::collections::hash_map::RandomState;
@@ -16,11 +17,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use glam::{DAffine3, DVec3};
-use mullion_common::scene::{Package, PackageError};
+use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, Moved};
+use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES};
 use thiserror::Error;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{mpsc, oneshot, watch};
@@ -31,6 +31,7 @@ use crate::swap_barrier::{BarrierOptions, NodeIndex};
 use blobs::Blobs;
 use connection::{Connection, Event, Role};
 use mailbox::Mailbox;
+pub use pose::Pose;
 
 /// Events that may wait for the master's loop; beyond, connections are not read.
 const MAX_EVENTS: usize = 256;
@@ -80,27 +81,6 @@ impl ShowOptions {
         self.start_nodes = (0..wall.nodes().len() as u16).map(NodeIndex).collect();
         self.start_wait = wait;
         self
-    }
-}
-
-/// Where everything is in one frame.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Pose {
-    /// Time in the scene, seconds.
-    pub scene_time_s: f64,
-    /// Where the room is in the world.
-    pub world_from_room: DAffine3,
-    /// Where each view's eye is, room space, metres; by `ViewId`.
-    pub eyes: Vec<DVec3>,
-    /// Objects that have another transform than in the frame before.
-    pub moved: Vec<Moved>,
-}
-
-impl Pose {
-    /// The eye that all views share: the middle of their eyes, in the world.
-    pub fn shared_eye(&self) -> DVec3 {
-        let sum: DVec3 = self.eyes.iter().sum();
-        self.world_from_room.transform_point3(sum / self.eyes.len().max(1) as f64)
     }
 }
 
@@ -187,8 +167,14 @@ pub struct ShowReport {
 pub enum ServiceError {
     #[error("scene: {0}")]
     Package(#[from] PackageError),
+    #[error(
+        "scene: its section {kind:?} has {length} bytes; nodes take at most {MAX_TILE_SECTION_BYTES}: prepare it with fewer, larger leaves"
+    )]
+    SectionTooLarge { kind: SectionKind, length: u64 },
     #[error("rate: {0} frames a second; it must be more than 0")]
     Rate(f64),
+    #[error("frame {frame}: {problem}")]
+    Pose { frame: u64, problem: String },
     #[error("network: {0}")]
     Network(#[from] io::Error),
 }
@@ -209,7 +195,8 @@ pub fn run(listener: std::net::TcpListener, show: Show) -> Result<ShowReport, Se
 /// this; what peers do never ends it.
 ///
 /// # Errors
-/// When the scene has no sections for tiles or the rate is none. The network's faults are the peers' and are logged.
+/// When the scene's sections for tiles are missing or larger than tiles take, the rate is none, or the camera gives a pose
+/// that nodes would leave over: not an eye for each view, a number that is not finite, an object that the scene lacks. The network's faults are the peers' and are logged.
 pub async fn serve(listener: TcpListener, show: Show) -> Result<ShowReport, ServiceError> {
     let pace = match show.options.rate {
         Rate::AsFastAsPossible => Pace::AsFastAsPossible,
@@ -235,10 +222,11 @@ pub async fn serve(listener: TcpListener, show: Show) -> Result<ShowReport, Serv
         frame: FrameReport::default(),
         report: ShowReport::default(),
         is_finished: false,
+        fault: None,
         wanted: None,
         show,
     };
-    Ok(service.run(listener, inbox).await)
+    service.run(listener, inbox).await
 }
 
 /// Random bytes from the standard library's hash keys, which the system seeds.
@@ -275,12 +263,14 @@ struct Service {
     frame: FrameReport,
     report: ShowReport,
     is_finished: bool,
+    /// Why the show ends early, where this side is to blame.
+    fault: Option<ServiceError>,
     wanted: Option<u64>,
     show: Show,
 }
 
 impl Service {
-    async fn run(mut self, listener: TcpListener, mut inbox: mpsc::Receiver<Event>) -> ShowReport {
+    async fn run(mut self, listener: TcpListener, mut inbox: mpsc::Receiver<Event>) -> Result<ShowReport, ServiceError> {
         let mut stop = self.show.stop.take();
         self.master.handle_timeout(Duration::ZERO);
         self.act();
@@ -323,7 +313,7 @@ impl Service {
         }
         self.report.passed_over = self.master.times_passed_over().collect();
         self.report.chunk_bytes = self.chunk_bytes.load(Ordering::Relaxed);
-        self.report
+        self.fault.map_or(Ok(self.report), Err)
     }
 
     fn now(&self) -> Duration {
@@ -444,6 +434,12 @@ impl Service {
             return;
         }
         let pose = (self.show.camera)(number);
+        if let Err(problem) = pose.check(self.show.wall.views().len(), self.show.package.scene.manifest.transforms.len()) {
+            let fault = ServiceError::Pose { frame: number, problem };
+            self.master.handle_shutdown(&Bye::new(ByeCode::Failed, fault.to_string()));
+            self.fault = Some(fault);
+            return;
+        }
         self.sets.iter_mut().for_each(VisibleSet::clear);
         let before_cull = Instant::now();
         (self.show.cull)(&pose, &mut self.sets);
