@@ -29,7 +29,7 @@ pub fn open_wall(path: &Path) -> Result<Wall> {
     const MAX_WALL_BYTES: u64 = 1 << 20;
     let shown = path.display();
     let bytes = bounded::read(path, MAX_WALL_BYTES).with_context(|| shown.to_string())?;
-    let text = String::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is no text"))?;
+    let text = String::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is no text: a wall file is TOML in UTF-8"))?;
     WallConfig::parse(&text).map_err(|error| anyhow!("{shown}: {error}"))
 }
 

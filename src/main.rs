@@ -53,6 +53,7 @@ fn main() -> ExitCode {
         )
         .with_writer(std::io::stderr)
         .with_target(false)
+        .without_time()
         .init();
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,

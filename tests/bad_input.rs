@@ -127,7 +127,7 @@ fn files_that_are_no_scenes() {
     refused_scene(&folder, &folder.path("absent.glb"), &["No such file"]);
     refused_scene(&folder, &folder.path(""), &["is a directory"]);
     let pipe = folder.path("pipe.glb");
-    if std::process::Command::new("mkfifo").arg(&pipe).status().is_ok_and(|status| status.success()) {
+    if Command::new("mkfifo").arg(&pipe).status().is_ok_and(|status| status.success()) {
         refused_scene(&folder, &pipe, &["no regular file"]);
     }
     let whole = glb(&triangle_gltf());
@@ -261,7 +261,15 @@ fn masters_and_tiles_that_do_not_find_each_other() {
     if !support::has_gpu() {
         return;
     }
-    refused(&["tile", "t0x0", "--master", &address, "--headless", &out, "--give-up-after", "0.2"], &[&address]);
+    let alone = mullion(&["tile", "t0x0", "--master", &address, "--headless", &out, "--give-up-after", "0.2"], LIMIT);
+    let lines: Vec<&str> = alone.err.lines().collect();
+    assert_eq!(alone.code, Some(2), "{}", alone.err);
+    assert!(
+        matches!(lines.as_slice(), [first, last] if first.contains("WARN") && last.starts_with("mullion: ")),
+        "{}",
+        alone.err
+    );
+    assert!(lines.iter().all(|line| line.contains(&address)), "it says at once, and again when it gives up: {}", alone.err);
     let mut serve = Process::start(&["serve", &wall, &scene, "--listen", "127.0.0.1:0"]);
     let address = support::address_of(&mut serve);
     refused(&["tile", "t9x9", "--master", &address, "--headless", &out], &["t9x9", "t0x0"]);
