@@ -1,6 +1,7 @@
 //! Goal: bad input gets one clear line, never a panic, a hang or a huge allocation. Method: take a good
 //! triangle, spoil one thing, and look for the words that name what and where.
 use mullion_server::prepare::gltf::{SourceScene, load};
+use mullion_server::prepare::{PrepareOptions, prepare};
 use serde_json::{Value, json};
 use std::path::Path;
 use tempfile::TempDir;
@@ -401,4 +402,12 @@ fn pictures_that_are_missing_or_damaged_are_warnings() {
     }
     refused(folder.load(&picture(json!({}))), &["image 0", "neither uri nor bufferView"]);
     refused(folder.load(&picture(json!({ "bufferView": 5 }))), &["image 0", "bufferView 5"]);
+}
+
+#[test]
+fn a_length_too_short_to_cut_to_is_refused() {
+    let scene = Folder::new().load(&triangle()).unwrap();
+    let options = PrepareOptions { split_larger_than_m: Some(1e-4), ..PrepareOptions::default() };
+    let line = prepare(scene, &options, &|_, _, _| {}).err().expect("too short").to_string();
+    assert!(line.contains("triangles added by cutting") && line.contains("16777216"), "{line}");
 }
