@@ -4,6 +4,7 @@ use mullion_server::prepare::gltf::{SourceScene, load};
 use mullion_server::prepare::{PrepareOptions, prepare};
 use serde_json::{Value, json};
 use std::path::Path;
+use std::time::Instant;
 use tempfile::TempDir;
 
 /// Positions of one triangle as f32, then its indices as u16.
@@ -410,4 +411,56 @@ fn a_length_too_short_to_cut_to_is_refused() {
     let options = PrepareOptions { split_larger_than_m: Some(1e-4), ..PrepareOptions::default() };
     let line = prepare(scene, &options, &|_, _, _| {}).err().expect("too short").to_string();
     assert!(line.contains("triangles added by cutting") && line.contains("16777216"), "{line}");
+}
+
+/// `accessors` that share `sparse_entries`, the first of them drawn `primitives` times.
+fn drawn_often(sparse_entries: u32, accessors: usize, mode: u32, primitives: usize) -> (Folder, Value) {
+    let folder = Folder::new();
+    let mut bytes: Vec<u8> = (0..sparse_entries).flat_map(u32::to_le_bytes).collect();
+    let values = bytes.len();
+    bytes.resize(values + 12 * sparse_entries as usize, 0);
+    folder.write("scene.bin", &bytes);
+    let mut json = triangle();
+    json["buffers"][0]["byteLength"] = json!(bytes.len());
+    json["bufferViews"] = json!([
+        { "buffer": 0, "byteLength": values },
+        { "buffer": 0, "byteOffset": values, "byteLength": bytes.len() - values }
+    ]);
+    let sparse =
+        json!({ "count": sparse_entries, "indices": { "bufferView": 0, "componentType": 5125 }, "values": { "bufferView": 1 } });
+    let accessor = json!({ "componentType": 5126, "count": sparse_entries, "type": "VEC3", "sparse": sparse });
+    json["accessors"] = json!(vec![accessor; accessors]);
+    let primitive = json!({ "attributes": { "POSITION": 0 }, "mode": mode });
+    json["meshes"][0]["primitives"] = json!(vec![primitive; primitives]);
+    (folder, json)
+}
+
+#[test]
+fn long_sparse_accessors_that_many_share_take_no_time() {
+    const ENTRIES: u32 = 1 << 18;
+    // Each would take long if every use read the indices again.
+    let begun = Instant::now();
+    let (folder, json) = drawn_often(ENTRIES, 1, 0, 60_000);
+    let scene = folder.load(&json).unwrap();
+    assert!(scene.meshes[0].primitives.is_empty() && scene.warnings[0].contains("points"));
+    let (folder, json) = drawn_often(ENTRIES, 1, 4, 60_000);
+    refused(folder.load(&json), &["accessor 0", "memory"]);
+    let (folder, json) = drawn_often(ENTRIES, 60_000, 0, 1);
+    refused(folder.load(&json), &["accessor", "sparse", "memory"]);
+    assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
+}
+
+#[test]
+fn meshes_and_skins_that_many_nodes_share_take_no_time() {
+    let begun = Instant::now();
+    let mut json = triangle();
+    let point = json!({ "attributes": { "POSITION": 0, "JOINTS_0": 0 }, "mode": 0 });
+    json["meshes"][0]["primitives"] = json!(vec![point; 30_000]);
+    json["skins"] = json!([{ "joints": vec![0; 100_000] }]);
+    json["nodes"] = json!(vec![json!({ "mesh": 0, "skin": 0 }); 30_000]);
+    refused(Folder::new().load(&json), &["memory"]);
+    json["meshes"][0]["primitives"][0]["mode"] = json!(4);
+    json["meshes"][0]["primitives"].as_array_mut().unwrap().truncate(1);
+    refused(Folder::new().load(&json), &["skin 0", "memory"]);
+    assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
 }

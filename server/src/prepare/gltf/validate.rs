@@ -162,7 +162,7 @@ impl<'a> Asset<'a> {
             json.extensions_used.iter().chain(json.extensions_required.iter()).any(|name| name == "KHR_mesh_quantization");
         let asset = Asset { json, views, budget, quantized };
         for k in 0..json.accessors.len() {
-            Accessor::resolve(&asset, k as u64, format_args!("accessor {k}"))?;
+            Accessor::resolve(&asset, k as u64, format_args!("accessor {k}"))?.check_sparse(&asset.budget)?;
         }
         Ok(asset)
     }
