@@ -1,6 +1,6 @@
 //! Goal: bad input gets one clear line, never a panic, a hang or a huge allocation. Method: take a good
 //! triangle, spoil one thing, and look for the words that name what and where.
-use mullion_server::prepare::gltf::{SourceScene, load};
+use mullion_server::prepare::gltf::{SourceImage, SourceScene, load};
 use mullion_server::prepare::{PrepareOptions, prepare};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -398,7 +398,7 @@ fn pictures_that_are_missing_or_damaged_are_warnings() {
     for uri in uris {
         let scene = folder.load(&picture(json!({ "uri": uri }))).unwrap();
         println!("{:?}", scene.warnings);
-        assert!(matches!(scene.images[..], [mullion_server::prepare::gltf::SourceImage::Missing { .. }]));
+        assert!(matches!(scene.images[..], [SourceImage::Missing { .. }]));
         assert!(scene.warnings.iter().any(|warning| warning.contains("image 0")));
     }
     refused(folder.load(&picture(json!({}))), &["image 0", "neither uri nor bufferView"]);
@@ -463,4 +463,40 @@ fn meshes_and_skins_that_many_nodes_share_take_no_time() {
     json["meshes"][0]["primitives"].as_array_mut().unwrap().truncate(1);
     refused(Folder::new().load(&json), &["skin 0", "memory"]);
     assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
+}
+
+#[test]
+fn a_file_that_is_named_often_is_read_once() {
+    const TIMES: usize = 3000;
+    let folder = Folder::new();
+    // A megabyte that is a picture of one pixel: the decoder stops at its end.
+    let mut picture = std::io::Cursor::new(Vec::new());
+    image::RgbImage::new(1, 1).write_to(&mut picture, image::ImageFormat::Png).unwrap();
+    let mut picture = picture.into_inner();
+    picture.resize(1 << 20, 0);
+    folder.write("picture.png", &picture);
+    let spellings = ["picture.png", "./picture.png", "%70icture.png", "data:image/png;base64,AAAA"];
+    let mut json = triangle();
+    json["images"] = (0..TIMES).map(|k| json!({ "uri": spellings[k % 4] })).collect();
+    json["textures"] = (0..TIMES).map(|k| json!({ "source": k })).collect();
+    let material = |k: usize| json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": k } } });
+    json["materials"] = (0..TIMES).map(material).collect();
+    let scene = folder.load(&json).unwrap();
+    assert!(matches!(&scene.images[..], [SourceImage::Encoded { bytes, .. }, SourceImage::Missing { .. }] if *bytes == picture));
+    assert!(scene.materials.iter().enumerate().all(|(k, m)| m.texture.unwrap().image == u32::from(k % 4 == 3)));
+
+    // Buffers likewise: 4097 of a megabyte would not fit into the limit on files.
+    let mut bytes = triangle_bytes();
+    bytes.resize(1 << 20, 0);
+    folder.write("scene.bin", &bytes);
+    let mut json = triangle();
+    let buffer = json["buffers"][0].clone();
+    json["buffers"] = json!(vec![buffer; 4097]);
+    json["bufferViews"][1]["buffer"] = json!(4096);
+    assert_eq!(folder.load(&json).unwrap().meshes[0].primitives[0].indices, [0, 1, 2]);
+    // Nor does naming a file again earn the right to decode more.
+    json["accessors"][0] = json!({ "componentType": 5126, "count": 1 << 22, "type": "VEC3" });
+    let primitive = json!({ "attributes": { "POSITION": 0 } });
+    json["meshes"][0]["primitives"] = json!(vec![primitive; 20]);
+    refused(folder.load(&json), &["memory"]);
 }

@@ -8,7 +8,9 @@ use super::error::{Fault, invalid, over_cap, resolve};
 use super::json::Root;
 use super::{meshopt, uri};
 use std::borrow::Cow;
-use std::path::Path;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Most bytes that all decoded arrays of one file may take, whatever its size.
@@ -124,40 +126,69 @@ fn short(text: &str) -> String {
     super::error::one_line(text.chars().take(80).collect::<String>())
 }
 
+/// A buffer's bytes. Buffers that name one file share them.
+#[derive(Clone)]
+pub(super) enum Buffer<'a> {
+    Chunk(&'a [u8]),
+    Read(Arc<Vec<u8>>),
+}
+
+impl std::ops::Deref for Buffer<'_> {
+    type Target = [u8];
+    fn deref(&self) -> &[u8] {
+        match self {
+            Buffer::Chunk(bytes) => bytes,
+            Buffer::Read(bytes) => bytes,
+        }
+    }
+}
+
+/// The buffers of a file; `None` for one without data.
+pub(super) struct Buffers<'a> {
+    pub list: Vec<Option<Buffer<'a>>>,
+    /// Bytes in memory, those that buffers share counted once.
+    held: u64,
+}
+
 /// Loads the buffers that `json` names: the GLB's chunk, embedded data, files beside the asset.
-pub(super) fn load_buffers<'a>(
-    json: &Root,
-    container: &'a Container,
-    folder: &Path,
-) -> Result<Vec<Option<Cow<'a, [u8]>>>, Fault> {
+pub(super) fn load_buffers<'a>(json: &Root, container: &'a Container, folder: &Path) -> Result<Buffers<'a>, Fault> {
     let mut total = 0u64;
-    let mut buffers = Vec::new();
+    let mut files: HashMap<PathBuf, Buffer> = HashMap::new();
+    let mut list = Vec::new();
     for (k, buffer) in json.buffers.iter().enumerate() {
         let place = format!("buffer {k}");
         let length = buffer.byte_length.ok_or_else(|| invalid(&place, "byteLength is missing"))?.0;
         let bytes = match (&buffer.uri, container.bin()) {
             (Some(text), _) => {
-                let bytes = uri::read(&text.0, folder, &place, MAX_FILE_BYTES.saturating_sub(total))?;
-                total += bytes.len() as u64;
-                Some(Cow::Owned(bytes))
+                let file = uri::locate(&text.0, folder);
+                match file.as_ref().and_then(|file| files.get(file)) {
+                    Some(shared) => Some(shared.clone()),
+                    None => {
+                        let bytes = uri::read(&text.0, folder, &place, MAX_FILE_BYTES.saturating_sub(total))?;
+                        total += bytes.len() as u64;
+                        let bytes = Buffer::Read(Arc::new(bytes));
+                        files.extend(file.map(|file| (file, bytes.clone())));
+                        Some(bytes)
+                    }
+                }
             }
-            (None, Some(bin)) if k == 0 => Some(Cow::Borrowed(bin)),
+            (None, Some(bin)) if k == 0 => Some(Buffer::Chunk(bin)),
             (None, _) => None,
         };
         let held = bytes.as_ref().map_or(u64::MAX, |bytes| bytes.len() as u64);
         if length > held {
             return Err(invalid(place, format_args!("byteLength {length}, but only {held} bytes are there")));
         }
-        buffers.push(bytes);
+        list.push(bytes);
     }
-    Ok(buffers)
+    let chunk = container.bin().map_or(0, |bin| bin.len() as u64);
+    Ok(Buffers { list, held: total + chunk })
 }
 
 impl<'a> Asset<'a> {
-    pub fn new(json: &'a Root<'a>, buffers: &'a [Option<Cow<'a, [u8]>>]) -> Result<Asset<'a>, Fault> {
-        let held: u64 = buffers.iter().flatten().map(|bytes| bytes.len() as u64).sum();
-        let budget = Budget::new(held);
-        let views = (0..json.buffer_views.len()).map(|k| view(json, buffers, k, &budget)).collect::<Result<Vec<_>, _>>()?;
+    pub fn new(json: &'a Root<'a>, buffers: &'a Buffers<'a>) -> Result<Asset<'a>, Fault> {
+        let budget = Budget::new(buffers.held);
+        let views = (0..json.buffer_views.len()).map(|k| view(json, &buffers.list, k, &budget)).collect::<Result<Vec<_>, _>>()?;
         let quantized =
             json.extensions_used.iter().chain(json.extensions_required.iter()).any(|name| name == "KHR_mesh_quantization");
         let asset = Asset { json, views, budget, quantized };
@@ -168,7 +199,7 @@ impl<'a> Asset<'a> {
     }
 }
 
-fn view<'a>(json: &'a Root, buffers: &'a [Option<Cow<'a, [u8]>>], k: usize, budget: &Budget) -> Result<View<'a>, Fault> {
+fn view<'a>(json: &'a Root, buffers: &'a [Option<Buffer<'a>>], k: usize, budget: &Budget) -> Result<View<'a>, Fault> {
     let raw = &json.buffer_views[k];
     let place = format!("bufferView {k}");
     let buffer = raw.buffer.ok_or_else(|| invalid(&place, "buffer is missing"))?;
