@@ -500,3 +500,26 @@ fn a_file_that_is_named_often_is_read_once() {
     json["meshes"][0]["primitives"] = json!(vec![primitive; 20]);
     refused(folder.load(&json), &["memory"]);
 }
+
+#[test]
+fn short_entries_do_not_add_up_to_much_memory() {
+    let folder = Folder::new();
+    let file = |lists: &str| format!("{{\"asset\":{{\"version\":\"2.0\"}},{lists}}}");
+    let many = |item: &str, count: usize| vec![item; count].join(",");
+    // Four million in each file: hundreds of bytes for three or four.
+    const COUNT: usize = 4 << 20;
+    let top = format!("\"nodes\":[{}]", many("{}", COUNT));
+    let half = format!("\"materials\":[{}],\"nodes\":[{}]", many("{}", COUNT / 2), many("{}", COUNT / 2));
+    let nested = format!("\"meshes\":[{}]", many("{\"primitives\":[{},{},{},{}]}", COUNT / 4));
+    let maps = format!("\"meshes\":[{{\"primitives\":[{{\"targets\":[{}]}}]}}]", many("{\"a\":1}", COUNT / 2));
+    for lists in [top, half, nested, maps] {
+        refused(folder.load_bytes("scene.gltf", file(&lists).as_bytes()), &["JSON", "LISTED_BYTES", "line 1"]);
+    }
+    // Honest ones pass in any number; the budget is the file's, not the process's.
+    let node = "{\"mesh\":0,\"name\":\"leaf\",\"translation\":[1.5,0,-2.25]}";
+    let mesh = "\"meshes\":[{\"primitives\":[]}]";
+    for _ in 0..2 {
+        let scene = folder.load_bytes("scene.gltf", file(&format!("{mesh},\"nodes\":[{}]", many(node, 400_000))).as_bytes());
+        assert_eq!(scene.unwrap().nodes.len(), 400_000);
+    }
+}

@@ -23,6 +23,7 @@ pub use container::{MAX_FILE_BYTES, MAX_JSON_BYTES};
 pub use error::{ImportError, ImportErrorKind};
 pub use image::{MAX_IMAGE_DECODE_BYTES, MAX_IMAGE_FILE_BYTES, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE_PX, MAX_IMAGE_TOTAL_BYTES};
 pub use instancing::MAX_INSTANCES;
+pub use json::{LISTED_BYTES_FLOOR, LISTED_BYTES_PER_JSON_BYTE, MAX_LISTED_BYTES};
 pub use nodes::MAX_NODE_DEPTH;
 pub use validate::{DECODED_BYTES_FLOOR, DECODED_BYTES_PER_BUFFER_BYTE, MAX_DECODED_BYTES};
 
@@ -204,8 +205,9 @@ pub enum SourceImage {
 /// Reads and checks the glTF or GLB file at `path`.
 ///
 /// External buffers and images are read from `path`'s folder only. Each is read once, however often
-/// it is named. Memory stays below [`MAX_DECODED_BYTES`] plus the files' own size, and below a multiple of the latter
-/// for small files.
+/// it is named. Memory stays below [`MAX_LISTED_BYTES`] plus [`MAX_DECODED_BYTES`] plus the files' own size; for
+/// small files below the two floors plus [`LISTED_BYTES_PER_JSON_BYTE`] times the JSON and
+/// [`DECODED_BYTES_PER_BUFFER_BYTE`] times the buffers.
 ///
 /// # Errors
 /// Any breach of glTF 2.0 that would make the scene wrong or its reading unsafe, any required extension
@@ -218,7 +220,7 @@ fn load_scene(path: &Path, progress: ProgressFn<'_>) -> Result<SourceScene, Faul
     progress("reading", 0, 1);
     let mut container = Container::read(path)?;
     let mut warnings = std::mem::take(&mut container.warnings);
-    let json: json::Root = serde_json::from_slice(container.json()).map_err(|e| Fault::Json(one_line(e)))?;
+    let json = json::read(container.json())?;
     validate::asset_header(&json, &mut warnings)?;
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
