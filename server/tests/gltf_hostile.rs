@@ -344,7 +344,19 @@ fn instances_are_capped_and_checked() {
         json
     };
     assert_eq!(Folder::new().load(&instanced(1000)).unwrap().nodes[0].instances.len(), 1000);
-    refused(Folder::new().load(&instanced(1 << 22)), &["node 0", "memory"]);
+    refused(Folder::new().load(&instanced(1 << 22)), &["node 0", "MAX_ZERO_FILLED_INSTANCES", "65536"]);
+    assert_eq!(Folder::new().load(&instanced(1 << 16)).unwrap().nodes[0].instances.len(), 1 << 16);
+    // What preparation makes of them counts: some for each of many nodes, and of many primitives.
+    let mut json = instanced(1 << 16);
+    json["nodes"] = json!(vec![json["nodes"][0].clone(); 7]);
+    refused(Folder::new().load(&json), &["node", "memory"]);
+    let mut json = instanced(1 << 16);
+    json["meshes"][0]["primitives"] = json!(vec![json["meshes"][0]["primitives"][0].clone(); 10]);
+    refused(Folder::new().load(&json), &["node 0", "memory"]);
+    let mut json = triangle();
+    json["meshes"][0]["primitives"] = json!(vec![json["meshes"][0]["primitives"][0].clone(); 5000]);
+    json["nodes"] = json!(vec![json["nodes"][0].clone(); 5000]);
+    refused(Folder::new().load(&json), &["node", "memory"]);
     let mut json = instanced(5);
     json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["SCALE"] = json!(0);
     refused(Folder::new().load(&json), &["node 0", "differ in count"]);

@@ -181,6 +181,11 @@ impl<'a> Accessor<'a> {
         Ok(())
     }
 
+    /// Whether it has no buffer view, so that its count costs the file nothing.
+    pub fn is_zero_filled(&self) -> bool {
+        matches!(self.data, Data::Zeros)
+    }
+
     pub fn place(&self) -> String {
         format!("accessor {}", self.index)
     }

@@ -22,10 +22,10 @@ pub use accessor::{MAX_ACCESSOR_ELEMENTS, MAX_ZERO_FILLED_ELEMENTS};
 pub use container::{MAX_FILE_BYTES, MAX_JSON_BYTES};
 pub use error::{ImportError, ImportErrorKind};
 pub use image::{MAX_IMAGE_DECODE_BYTES, MAX_IMAGE_FILE_BYTES, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE_PX, MAX_IMAGE_TOTAL_BYTES};
-pub use instancing::MAX_INSTANCES;
+pub use instancing::{MAX_INSTANCES, MAX_ZERO_FILLED_INSTANCES};
 pub use json::{LISTED_BYTES_FLOOR, LISTED_BYTES_PER_JSON_BYTE, MAX_LISTED_BYTES};
 pub use nodes::MAX_NODE_DEPTH;
-pub use validate::{DECODED_BYTES_FLOOR, DECODED_BYTES_PER_BUFFER_BYTE, MAX_DECODED_BYTES};
+pub use validate::{DECODED_BYTES_FLOOR, DECODED_BYTES_PER_FILE_BYTE, MAX_DECODED_BYTES};
 
 use self::container::Container;
 use self::error::{Fault, one_line, over_cap};
@@ -207,7 +207,7 @@ pub enum SourceImage {
 /// External buffers and images are read from `path`'s folder only. Each is read once, however often
 /// it is named. Memory stays below [`MAX_LISTED_BYTES`] plus [`MAX_DECODED_BYTES`] plus the files' own size; for
 /// small files below the two floors plus [`LISTED_BYTES_PER_JSON_BYTE`] times the JSON and
-/// [`DECODED_BYTES_PER_BUFFER_BYTE`] times the buffers.
+/// [`DECODED_BYTES_PER_FILE_BYTE`] times all files.
 ///
 /// # Errors
 /// Any breach of glTF 2.0 that would make the scene wrong or its reading unsafe, any required extension

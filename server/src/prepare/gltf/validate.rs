@@ -13,13 +13,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Most bytes that all decoded arrays of one file may take, whatever its size.
+/// Most bytes that all decoded arrays of one file, its instances and leaves may take, whatever its size.
 pub const MAX_DECODED_BYTES: u64 = 16 << 30;
 /// Decoded bytes granted to any file, however small.
 pub const DECODED_BYTES_FLOOR: u64 = 256 << 20;
-/// Decoded bytes granted per byte that the file's buffers hold. Shared accessors are decoded once for each
+/// Decoded bytes granted per byte of the file's JSON and buffers. Shared accessors are decoded once for each
 /// primitive that uses them, and compressed views grow, so honest files need more than one.
-pub const DECODED_BYTES_PER_BUFFER_BYTE: u64 = 64;
+pub const DECODED_BYTES_PER_FILE_BYTE: u64 = 64;
 
 /// Extensions read in full.
 const READ: &[&str] = &[
@@ -60,9 +60,9 @@ pub(super) struct Budget {
 }
 
 impl Budget {
-    pub fn new(buffer_bytes: u64) -> Budget {
+    pub fn new(file_bytes: u64) -> Budget {
         let limit =
-            buffer_bytes.saturating_mul(DECODED_BYTES_PER_BUFFER_BYTE).saturating_add(DECODED_BYTES_FLOOR).min(MAX_DECODED_BYTES);
+            file_bytes.saturating_mul(DECODED_BYTES_PER_FILE_BYTE).saturating_add(DECODED_BYTES_FLOOR).min(MAX_DECODED_BYTES);
         Budget { left: AtomicU64::new(limit), limit }
     }
 
@@ -73,7 +73,7 @@ impl Budget {
             .and_then(|bytes| self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(bytes)).ok())
             .map(|_| ())
             .ok_or_else(|| {
-                let reason = "decoding would take more memory than the file's buffers justify";
+                let reason = "decoding would take more memory than the file's size justifies";
                 over_cap(place(), reason, "DECODED_BYTES", self.limit)
             })
     }
@@ -146,8 +146,8 @@ impl std::ops::Deref for Buffer<'_> {
 /// The buffers of a file; `None` for one without data.
 pub(super) struct Buffers<'a> {
     pub list: Vec<Option<Buffer<'a>>>,
-    /// Bytes in memory, those that buffers share counted once.
-    held: u64,
+    /// Bytes of the JSON and of all buffers, those that buffers share counted once.
+    file_bytes: u64,
 }
 
 /// Loads the buffers that `json` names: the GLB's chunk, embedded data, files beside the asset.
@@ -181,13 +181,13 @@ pub(super) fn load_buffers<'a>(json: &Root, container: &'a Container, folder: &P
         }
         list.push(bytes);
     }
-    let chunk = container.bin().map_or(0, |bin| bin.len() as u64);
-    Ok(Buffers { list, held: total + chunk })
+    let container = container.json().len() + container.bin().map_or(0, <[u8]>::len);
+    Ok(Buffers { list, file_bytes: total + container as u64 })
 }
 
 impl<'a> Asset<'a> {
     pub fn new(json: &'a Root<'a>, buffers: &'a Buffers<'a>) -> Result<Asset<'a>, Fault> {
-        let budget = Budget::new(buffers.held);
+        let budget = Budget::new(buffers.file_bytes);
         let views = (0..json.buffer_views.len()).map(|k| view(json, &buffers.list, k, &budget)).collect::<Result<Vec<_>, _>>()?;
         let quantized =
             json.extensions_used.iter().chain(json.extensions_required.iter()).any(|name| name == "KHR_mesh_quantization");
