@@ -1,8 +1,10 @@
 //! Goal: bad input gets one clear line, never a panic, a hang or a huge allocation. Method: take a good
 //! triangle, spoil one thing, and look for the words that name what and where.
-use mullion_server::prepare::gltf::{SourceScene, load};
+use mullion_server::prepare::gltf::{SourceImage, SourceScene, load};
+use mullion_server::prepare::{PrepareOptions, prepare};
 use serde_json::{Value, json};
 use std::path::Path;
+use std::time::Instant;
 use tempfile::TempDir;
 
 /// Positions of one triangle as f32, then its indices as u16.
@@ -342,7 +344,19 @@ fn instances_are_capped_and_checked() {
         json
     };
     assert_eq!(Folder::new().load(&instanced(1000)).unwrap().nodes[0].instances.len(), 1000);
-    refused(Folder::new().load(&instanced(1 << 22)), &["node 0", "memory"]);
+    refused(Folder::new().load(&instanced(1 << 22)), &["node 0", "MAX_ZERO_FILLED_INSTANCES", "65536"]);
+    assert_eq!(Folder::new().load(&instanced(1 << 16)).unwrap().nodes[0].instances.len(), 1 << 16);
+    // What preparation makes of them counts: some for each of many nodes, and of many primitives.
+    let mut json = instanced(1 << 16);
+    json["nodes"] = json!(vec![json["nodes"][0].clone(); 7]);
+    refused(Folder::new().load(&json), &["node", "memory"]);
+    let mut json = instanced(1 << 16);
+    json["meshes"][0]["primitives"] = json!(vec![json["meshes"][0]["primitives"][0].clone(); 10]);
+    refused(Folder::new().load(&json), &["node 0", "memory"]);
+    let mut json = triangle();
+    json["meshes"][0]["primitives"] = json!(vec![json["meshes"][0]["primitives"][0].clone(); 5000]);
+    json["nodes"] = json!(vec![json["nodes"][0].clone(); 5000]);
+    refused(Folder::new().load(&json), &["node", "memory"]);
     let mut json = instanced(5);
     json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["SCALE"] = json!(0);
     refused(Folder::new().load(&json), &["node 0", "differ in count"]);
@@ -396,9 +410,128 @@ fn pictures_that_are_missing_or_damaged_are_warnings() {
     for uri in uris {
         let scene = folder.load(&picture(json!({ "uri": uri }))).unwrap();
         println!("{:?}", scene.warnings);
-        assert!(matches!(scene.images[..], [mullion_server::prepare::gltf::SourceImage::Missing { .. }]));
+        assert!(matches!(scene.images[..], [SourceImage::Missing { .. }]));
         assert!(scene.warnings.iter().any(|warning| warning.contains("image 0")));
     }
     refused(folder.load(&picture(json!({}))), &["image 0", "neither uri nor bufferView"]);
     refused(folder.load(&picture(json!({ "bufferView": 5 }))), &["image 0", "bufferView 5"]);
+}
+
+#[test]
+fn a_length_too_short_to_cut_to_is_refused() {
+    let scene = Folder::new().load(&triangle()).unwrap();
+    let options = PrepareOptions { split_larger_than_m: Some(1e-4), ..PrepareOptions::default() };
+    let line = prepare(scene, &options, &|_, _, _| {}).err().expect("too short").to_string();
+    assert!(line.contains("triangles added by cutting") && line.contains("16777216"), "{line}");
+}
+
+/// `accessors` that share `sparse_entries`, the first of them drawn `primitives` times.
+fn drawn_often(sparse_entries: u32, accessors: usize, mode: u32, primitives: usize) -> (Folder, Value) {
+    let folder = Folder::new();
+    let mut bytes: Vec<u8> = (0..sparse_entries).flat_map(u32::to_le_bytes).collect();
+    let values = bytes.len();
+    bytes.resize(values + 12 * sparse_entries as usize, 0);
+    folder.write("scene.bin", &bytes);
+    let mut json = triangle();
+    json["buffers"][0]["byteLength"] = json!(bytes.len());
+    json["bufferViews"] = json!([
+        { "buffer": 0, "byteLength": values },
+        { "buffer": 0, "byteOffset": values, "byteLength": bytes.len() - values }
+    ]);
+    let sparse =
+        json!({ "count": sparse_entries, "indices": { "bufferView": 0, "componentType": 5125 }, "values": { "bufferView": 1 } });
+    let accessor = json!({ "componentType": 5126, "count": sparse_entries, "type": "VEC3", "sparse": sparse });
+    json["accessors"] = json!(vec![accessor; accessors]);
+    let primitive = json!({ "attributes": { "POSITION": 0 }, "mode": mode });
+    json["meshes"][0]["primitives"] = json!(vec![primitive; primitives]);
+    (folder, json)
+}
+
+#[test]
+fn long_sparse_accessors_that_many_share_take_no_time() {
+    const ENTRIES: u32 = 1 << 18;
+    // Each would take long if every use read the indices again.
+    let begun = Instant::now();
+    let (folder, json) = drawn_often(ENTRIES, 1, 0, 60_000);
+    let scene = folder.load(&json).unwrap();
+    assert!(scene.meshes[0].primitives.is_empty() && scene.warnings[0].contains("points"));
+    let (folder, json) = drawn_often(ENTRIES, 1, 4, 60_000);
+    refused(folder.load(&json), &["accessor 0", "memory"]);
+    let (folder, json) = drawn_often(ENTRIES, 60_000, 0, 1);
+    refused(folder.load(&json), &["accessor", "sparse", "memory"]);
+    assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
+}
+
+#[test]
+fn meshes_and_skins_that_many_nodes_share_take_no_time() {
+    let begun = Instant::now();
+    let mut json = triangle();
+    let point = json!({ "attributes": { "POSITION": 0, "JOINTS_0": 0 }, "mode": 0 });
+    json["meshes"][0]["primitives"] = json!(vec![point; 30_000]);
+    json["skins"] = json!([{ "joints": vec![0; 100_000] }]);
+    json["nodes"] = json!(vec![json!({ "mesh": 0, "skin": 0 }); 30_000]);
+    refused(Folder::new().load(&json), &["memory"]);
+    json["meshes"][0]["primitives"][0]["mode"] = json!(4);
+    json["meshes"][0]["primitives"].as_array_mut().unwrap().truncate(1);
+    refused(Folder::new().load(&json), &["skin 0", "memory"]);
+    assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
+}
+
+#[test]
+fn a_file_that_is_named_often_is_read_once() {
+    const TIMES: usize = 3000;
+    let folder = Folder::new();
+    // A megabyte that is a picture of one pixel: the decoder stops at its end.
+    let mut picture = std::io::Cursor::new(Vec::new());
+    image::RgbImage::new(1, 1).write_to(&mut picture, image::ImageFormat::Png).unwrap();
+    let mut picture = picture.into_inner();
+    picture.resize(1 << 20, 0);
+    folder.write("picture.png", &picture);
+    let spellings = ["picture.png", "./picture.png", "%70icture.png", "data:image/png;base64,AAAA"];
+    let mut json = triangle();
+    json["images"] = (0..TIMES).map(|k| json!({ "uri": spellings[k % 4] })).collect();
+    json["textures"] = (0..TIMES).map(|k| json!({ "source": k })).collect();
+    let material = |k: usize| json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": k } } });
+    json["materials"] = (0..TIMES).map(material).collect();
+    let scene = folder.load(&json).unwrap();
+    assert!(matches!(&scene.images[..], [SourceImage::Encoded { bytes, .. }, SourceImage::Missing { .. }] if *bytes == picture));
+    assert!(scene.materials.iter().enumerate().all(|(k, m)| m.texture.unwrap().image == u32::from(k % 4 == 3)));
+
+    // Buffers likewise: 4097 of a megabyte would not fit into the limit on files.
+    let mut bytes = triangle_bytes();
+    bytes.resize(1 << 20, 0);
+    folder.write("scene.bin", &bytes);
+    let mut json = triangle();
+    let buffer = json["buffers"][0].clone();
+    json["buffers"] = json!(vec![buffer; 4097]);
+    json["bufferViews"][1]["buffer"] = json!(4096);
+    assert_eq!(folder.load(&json).unwrap().meshes[0].primitives[0].indices, [0, 1, 2]);
+    // Nor does naming a file again earn the right to decode more.
+    json["accessors"][0] = json!({ "componentType": 5126, "count": 1 << 22, "type": "VEC3" });
+    let primitive = json!({ "attributes": { "POSITION": 0 } });
+    json["meshes"][0]["primitives"] = json!(vec![primitive; 20]);
+    refused(folder.load(&json), &["memory"]);
+}
+
+#[test]
+fn short_entries_do_not_add_up_to_much_memory() {
+    let folder = Folder::new();
+    let file = |lists: &str| format!("{{\"asset\":{{\"version\":\"2.0\"}},{lists}}}");
+    let many = |item: &str, count: usize| vec![item; count].join(",");
+    // Four million in each file: hundreds of bytes for three or four.
+    const COUNT: usize = 4 << 20;
+    let top = format!("\"nodes\":[{}]", many("{}", COUNT));
+    let half = format!("\"materials\":[{}],\"nodes\":[{}]", many("{}", COUNT / 2), many("{}", COUNT / 2));
+    let nested = format!("\"meshes\":[{}]", many("{\"primitives\":[{},{},{},{}]}", COUNT / 4));
+    let maps = format!("\"meshes\":[{{\"primitives\":[{{\"targets\":[{}]}}]}}]", many("{\"a\":1}", COUNT / 2));
+    for lists in [top, half, nested, maps] {
+        refused(folder.load_bytes("scene.gltf", file(&lists).as_bytes()), &["JSON", "LISTED_BYTES", "line 1"]);
+    }
+    // Honest ones pass in any number; the budget is the file's, not the process's.
+    let node = "{\"mesh\":0,\"name\":\"leaf\",\"translation\":[1.5,0,-2.25]}";
+    let mesh = "\"meshes\":[{\"primitives\":[]}]";
+    for _ in 0..2 {
+        let scene = folder.load_bytes("scene.gltf", file(&format!("{mesh},\"nodes\":[{}]", many(node, 400_000))).as_bytes());
+        assert_eq!(scene.unwrap().nodes.len(), 400_000);
+    }
 }

@@ -1,6 +1,7 @@
 //! Joins divided meshes, objects and the hierarchy into a package.
 
 use std::io::Cursor;
+use std::sync::atomic::AtomicU64;
 
 use glam::{DAffine3, DVec3, Vec3};
 use mullion_common::geometry::{Obb, RELATIVE_SLACK};
@@ -15,7 +16,7 @@ use super::chunks::ChunkTable;
 use super::divide::{Division, Piece, divide};
 use super::gltf::{self, SourceAlpha, SourceImage, SourceMesh, SourceScene};
 use super::hierarchy::{DraftId, HierarchyBuilder};
-use super::refine::refine;
+use super::refine::{self, TooManyAdded};
 use super::regroup::Tree;
 use super::{PrepareError, PrepareOptions, Prepared, ProgressFn};
 
@@ -29,7 +30,8 @@ const MESHES_AT_A_TIME: usize = 256;
 /// Each leaf's bound encloses all of its vertices in the world, grown by what the GPU's `f32` may round.
 ///
 /// # Errors
-/// When a transform overflows or there are more leaves than ids.
+/// When a transform overflows, there are more leaves than ids, or [`PrepareOptions::split_larger_than_m`] is so short
+/// that cutting would add more triangles than it may.
 pub fn prepare(source: SourceScene, options: &PrepareOptions, progress: ProgressFn<'_>) -> Result<Prepared, PrepareError> {
     let SourceScene { nodes, roots, mut meshes, materials, images, warnings } = source;
     let placed = place_objects(&nodes, &roots)?;
@@ -43,11 +45,14 @@ pub fn prepare(source: SourceScene, options: &PrepareOptions, progress: Progress
     let total = meshes.len() as u64;
     let mut divided: Vec<DividedMesh> = Vec::with_capacity(meshes.len());
     let mut limits = longest_edges.unwrap_or_else(|| vec![f32::INFINITY; meshes.len()]).into_iter();
+    let cuts_left = AtomicU64::new(refine::MAX_ADDED_TRIANGLES);
     while !meshes.is_empty() {
         let batch: Vec<SourceMesh> = meshes.drain(..meshes.len().min(MESHES_AT_A_TIME)).collect();
         let batch: Vec<(SourceMesh, f32)> = batch.into_iter().zip(limits.by_ref()).collect();
-        let divisions: Vec<(SourceMesh, Vec<Division>)> =
-            batch.into_par_iter().map(|(mesh, limit)| divide_mesh(mesh, limit, options)).collect();
+        let divisions: Result<Vec<(SourceMesh, Vec<Division>)>, TooManyAdded> =
+            batch.into_par_iter().map(|(mesh, limit)| divide_mesh(mesh, limit, &cuts_left, options)).collect();
+        let what = "triangles added by cutting large ones";
+        let divisions = divisions.map_err(|TooManyAdded| PrepareError::TooMany { what, cap: refine::MAX_ADDED_TRIANGLES })?;
         for (mesh, divisions) in divisions {
             divided.push(table.take(&mesh, divisions, materials.len() - 1, &mut chunks));
         }
@@ -148,13 +153,18 @@ fn local_limits(limit_m: f64, placed: &[Placed], meshes: usize) -> Vec<f32> {
     largest.iter().map(|scale| (limit_m / scale) as f32).collect()
 }
 
-fn divide_mesh(mut mesh: SourceMesh, longest_edge: f32, options: &PrepareOptions) -> (SourceMesh, Vec<Division>) {
+fn divide_mesh(
+    mut mesh: SourceMesh,
+    longest_edge: f32,
+    cuts_left: &AtomicU64,
+    options: &PrepareOptions,
+) -> Result<(SourceMesh, Vec<Division>), TooManyAdded> {
     let max_triangles = options.max_leaf_triangles.clamp(1, super::MAX_LEAF_TRIANGLES);
     let divisions = mesh
         .primitives
         .iter_mut()
         .map(|primitive| {
-            let from = if longest_edge.is_finite() { refine(primitive, longest_edge) } else { None };
+            let from = if longest_edge.is_finite() { refine::refine(primitive, longest_edge, cuts_left)? } else { None };
             let mut division = divide(primitive, max_triangles);
             if let Some(from) = from {
                 for piece in &mut division.pieces {
@@ -174,10 +184,10 @@ fn divide_mesh(mut mesh: SourceMesh, longest_edge: f32, options: &PrepareOptions
                 indices: Vec::new(),
                 material: primitive.material,
             };
-            division
+            Ok(division)
         })
-        .collect();
-    (mesh, divisions)
+        .collect::<Result<_, _>>()?;
+    Ok((mesh, divisions))
 }
 
 /// A mesh as runs of pieces, one for each primitive that has triangles.

@@ -2,7 +2,7 @@
 //! glTF 2.0 specification, section 3.6.2; reads assume nothing about alignment.
 use super::error::{Fault, invalid, over_cap, resolve};
 use super::json;
-use super::validate::{Asset, View, ViewBytes};
+use super::validate::{Asset, Budget, View, ViewBytes};
 use std::fmt::Display;
 
 /// Most elements of an accessor without a buffer view: it costs the file nothing, and us all of it.
@@ -123,7 +123,8 @@ pub(super) struct Accessor<'a> {
 }
 
 impl<'a> Accessor<'a> {
-    /// Looks up and checks accessor `index`; `from` names the object that refers to it.
+    /// Looks up and checks accessor `index`; `from` names the object that refers to it. Takes no longer for a long
+    /// accessor: its sparse indices were read by [`Self::check_sparse`].
     pub fn resolve(asset: &'a Asset<'_>, index: u64, from: impl Display) -> Result<Accessor<'a>, Fault> {
         let (index, raw) = resolve(&asset.json.accessors, index, "accessor", from)?;
         let place = format!("accessor {index}");
@@ -157,6 +158,32 @@ impl<'a> Accessor<'a> {
         };
         // In range: below MAX_ACCESSOR_ELEMENTS.
         Ok(Accessor { index, component, shape, normalized: raw.normalized, count: count as usize, data, sparse })
+    }
+
+    /// Checks that the sparse indices increase and stay below the count. Once for each accessor, before any is decoded.
+    pub fn check_sparse(&self, budget: &Budget) -> Result<(), Fault> {
+        let Some(sparse) = &self.sparse else {
+            return Ok(());
+        };
+        let place = || format!("{} sparse", self.place());
+        // Accessors may share their indices, so that their lengths add up to more than the file has.
+        budget.take(sparse.indices.count, size_of::<u32>(), place)?;
+        let mut previous = None;
+        for [index] in integers::<1>(sparse.indices, sparse.index_component) {
+            if index as usize >= self.count {
+                return Err(invalid(place(), format_args!("index {index} is past the count {}", self.count)));
+            }
+            if previous.is_some_and(|before| before >= index) {
+                return Err(invalid(place(), format_args!("index {index} does not increase")));
+            }
+            previous = Some(index);
+        }
+        Ok(())
+    }
+
+    /// Whether it has no buffer view, so that its count costs the file nothing.
+    pub fn is_zero_filled(&self) -> bool {
+        matches!(self.data, Data::Zeros)
     }
 
     pub fn place(&self) -> String {
@@ -204,6 +231,9 @@ impl<'a> Accessor<'a> {
             return Err(invalid(self.place(), format_args!("type {:?}, {N} components were expected", self.shape)));
         }
         asset.budget.take(self.count, size_of::<[O; N]>(), || self.place())?;
+        if let Some(sparse) = &self.sparse {
+            asset.budget.take(sparse.values.count, size_of::<[O; N]>() + size_of::<u32>(), || self.place())?;
+        }
         let mut out = match self.data {
             Data::Zeros => vec![[O::default(); N]; self.count],
             Data::Here(strided) => read(strided),
@@ -212,7 +242,7 @@ impl<'a> Accessor<'a> {
         if let Some(sparse) = &self.sparse {
             let values = read(sparse.values);
             for ([k], value) in integers::<1>(sparse.indices, sparse.index_component).into_iter().zip(values) {
-                // In range: checked when the accessor was resolved.
+                // In range: `Asset::new` has called `check_sparse`.
                 out[k as usize] = value;
             }
         }
@@ -238,16 +268,6 @@ impl<'a> Sparse<'a> {
             };
         let indices = part(raw.indices.buffer_view.0, raw.indices.byte_offset.0, index_component.bytes())?;
         let values = part(raw.values.buffer_view.0, raw.values.byte_offset.0, size)?;
-        let mut previous = None;
-        for [index] in integers::<1>(indices, index_component) {
-            if u64::from(index) >= count {
-                return Err(invalid(place, format_args!("index {index} is past the count {count}")));
-            }
-            if previous.is_some_and(|before| before >= index) {
-                return Err(invalid(place, format_args!("index {index} does not increase")));
-            }
-            previous = Some(index);
-        }
         Ok(Sparse { indices, index_component, values })
     }
 }

@@ -2,10 +2,10 @@
 //! picture is a warning and a stand-in; what is wrong with its place (a URI that climbs out) is a fault.
 use super::error::{Fault, invalid, one_line, resolve};
 use super::validate::{Asset, ViewBytes};
-use super::{ImageKind, SourceImage, uri};
+use super::{ImageKind, SourceImage, json, uri};
 use std::collections::HashMap;
 use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Largest width and height of a texture, in pixels.
 pub const MAX_IMAGE_SIDE_PX: u32 = 16384;
@@ -15,24 +15,59 @@ pub const MAX_IMAGE_DECODE_BYTES: u64 = 5 << 28;
 pub const MAX_IMAGE_PIXELS: u64 = 1 << 30;
 /// Largest encoded picture, in bytes.
 pub const MAX_IMAGE_FILE_BYTES: u64 = 1 << 30;
+/// Most bytes that all encoded pictures outside the buffers may have together.
+pub const MAX_IMAGE_TOTAL_BYTES: u64 = 4 << 30;
 
 enum Source {
     Gltf(usize),
     None(String),
 }
 
-/// The images that base colour textures use, each once, in order of first use.
-#[derive(Default)]
-pub(super) struct ImageTable {
-    sources: Vec<Source>,
-    by_gltf: HashMap<usize, u32>,
+/// Where a picture's bytes lie: glTF images with the same place are one picture.
+#[derive(PartialEq, Eq, Hash)]
+enum Origin<'j> {
+    File(PathBuf),
+    Uri(&'j str),
+    View(u64),
 }
 
-impl ImageTable {
+impl<'j> Origin<'j> {
+    fn of(image: &'j json::Image, folder: &Path) -> Option<Origin<'j>> {
+        let Some(text) = &image.uri else {
+            return image.buffer_view.map(|view| Origin::View(view.0));
+        };
+        // What leads nowhere is reported when it is loaded.
+        let file = (!is_data(&text.0)).then(|| uri::locate(&text.0, folder)).flatten();
+        Some(file.map_or(Origin::Uri(&text.0), Origin::File))
+    }
+}
+
+/// The pictures that base colour textures use, each once, in order of first use.
+pub(super) struct ImageTable<'j> {
+    images: &'j [json::Image<'j>],
+    folder: &'j Path,
+    sources: Vec<Source>,
+    by_gltf: HashMap<usize, u32>,
+    by_origin: HashMap<Origin<'j>, u32>,
+}
+
+impl<'j> ImageTable<'j> {
+    pub fn new(json: &'j json::Root, folder: &'j Path) -> ImageTable<'j> {
+        let (by_gltf, by_origin) = (HashMap::new(), HashMap::new());
+        ImageTable { images: &json.images, folder, sources: Vec::new(), by_gltf, by_origin }
+    }
+
     pub fn index_of(&mut self, gltf_image: usize) -> u32 {
         *self.by_gltf.entry(gltf_image).or_insert_with(|| {
-            self.sources.push(Source::Gltf(gltf_image));
-            self.sources.len() as u32 - 1
+            let next = self.sources.len() as u32;
+            let index = match Origin::of(&self.images[gltf_image], self.folder) {
+                Some(origin) => *self.by_origin.entry(origin).or_insert(next),
+                None => next,
+            };
+            if index == next {
+                self.sources.push(Source::Gltf(gltf_image));
+            }
+            index
         })
     }
 
@@ -48,7 +83,6 @@ impl ImageTable {
 pub(super) fn load_all(
     asset: &Asset,
     table: &ImageTable,
-    folder: &Path,
     warnings: &mut Vec<String>,
     done: impl Fn(usize, usize),
 ) -> Result<Vec<SourceImage>, Fault> {
@@ -58,12 +92,12 @@ pub(super) fn load_all(
             uri::parse(&text.0, &format!("image {k}"))?;
         }
     }
-    let mut pixels_left = MAX_IMAGE_PIXELS;
+    let mut left = Left { pixels: MAX_IMAGE_PIXELS, bytes: MAX_IMAGE_TOTAL_BYTES };
     let mut images = Vec::with_capacity(table.sources.len());
     for (at, source) in table.sources.iter().enumerate() {
         let image = match source {
             Source::None(why) => SourceImage::Missing { why: why.clone() },
-            Source::Gltf(k) => load(asset, *k, folder, &mut pixels_left)?.unwrap_or_else(|why| {
+            Source::Gltf(k) => load(asset, *k, table.folder, &mut left)?.unwrap_or_else(|why| {
                 let why = format!("image {k}: {why}");
                 warnings.push(why.clone());
                 SourceImage::Missing { why }
@@ -79,13 +113,26 @@ fn is_data(uri: &str) -> bool {
     uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"))
 }
 
+/// What the pictures still to be loaded may take.
+struct Left {
+    pixels: u64,
+    bytes: u64,
+}
+
 /// Outer error: the file is unsafe or broken. Inner error: the picture is missing or not one that we read.
-fn load(asset: &Asset, k: usize, folder: &Path, pixels_left: &mut u64) -> Result<Result<SourceImage, String>, Fault> {
+fn load(asset: &Asset, k: usize, folder: &Path, left: &mut Left) -> Result<Result<SourceImage, String>, Fault> {
     let raw = &asset.json.images[k];
     let place = format!("image {k}");
     let bytes = match (&raw.uri, raw.buffer_view) {
-        (Some(text), _) => match uri::read(&text.0, folder, &place, MAX_IMAGE_FILE_BYTES) {
-            Ok(bytes) => bytes,
+        (Some(text), _) => match uri::read(&text.0, folder, &place, MAX_IMAGE_FILE_BYTES.min(left.bytes)) {
+            // A data URI is bounded by the file that holds it, but not by what is left.
+            Ok(bytes) if bytes.len() as u64 > left.bytes => {
+                return Ok(Err(format!("all textures together exceed {MAX_IMAGE_TOTAL_BYTES} bytes")));
+            }
+            Ok(bytes) => {
+                left.bytes -= bytes.len() as u64;
+                bytes
+            }
             Err(Fault::Io { path, reason }) => {
                 return Ok(Err(format!("cannot read {path}: {reason}")));
             }
@@ -106,7 +153,7 @@ fn load(asset: &Asset, k: usize, folder: &Path, pixels_left: &mut u64) -> Result
         }
         (None, None) => return Err(invalid(place, "has neither uri nor bufferView")),
     };
-    Ok(prove(bytes, raw.mime_type.as_deref(), pixels_left))
+    Ok(prove(bytes, raw.mime_type.as_deref(), &mut left.pixels))
 }
 
 /// Recognises `bytes` by their magic, checks the size in the header, and decodes them once.

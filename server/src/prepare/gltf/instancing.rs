@@ -8,6 +8,14 @@ use glam::{DAffine3, DQuat, DVec3};
 /// Most instances that all nodes of one file may have together.
 pub const MAX_INSTANCES: u64 = 1 << 24;
 
+/// Most instances of a node none of whose attributes has a buffer view: they cost the file nothing, and their places are
+/// all the same but for sparse ones.
+pub const MAX_ZERO_FILLED_INSTANCES: usize = 1 << 16;
+
+/// What an instance costs in preparation at its peak, in bytes: its transform here (96), its place (224), its transform and
+/// leaf in the manifest (148), its node in the hierarchy (152), its object with its range of leaves (200).
+const INSTANCE_BYTES: usize = 832;
+
 /// `local_from_instance` of each instance; `left` is what remains of [`MAX_INSTANCES`].
 pub(super) fn read(asset: &Asset, raw: &Instancing, node: &str, left: &mut u64) -> Result<Vec<DAffine3>, Fault> {
     let place = format!("{node} EXT_mesh_gpu_instancing");
@@ -40,10 +48,15 @@ pub(super) fn read(asset: &Asset, raw: &Instancing, node: &str, left: &mut u64) 
     if counts().any(|other| other != count) {
         return Err(invalid(place, "its attributes differ in count"));
     }
+    let zero_filled = [&translation, &rotation, &scale].into_iter().flatten().all(Accessor::is_zero_filled);
+    if zero_filled && count > MAX_ZERO_FILLED_INSTANCES {
+        let reason = format!("{count} instances without a bufferView");
+        return Err(over_cap(place, reason, "MAX_ZERO_FILLED_INSTANCES", MAX_ZERO_FILLED_INSTANCES as u64));
+    }
     *left = left
         .checked_sub(count as u64)
         .ok_or_else(|| over_cap(&place, format_args!("{count} more instances"), "MAX_INSTANCES", MAX_INSTANCES))?;
-    asset.budget.take(count, size_of::<DAffine3>(), || place.clone())?;
+    asset.budget.take(count, INSTANCE_BYTES, || place.clone())?;
 
     let translation = translation.map(|a| a.floats::<3>(asset)).transpose()?;
     let rotation = rotation.map(|a| a.floats::<4>(asset)).transpose()?;

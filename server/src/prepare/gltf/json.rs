@@ -4,23 +4,62 @@
 //! value check it, so that each fault can name its place. The `gltf` crate's own JSON model was
 //! tried first: it refuses integers written as `1.0`, which are valid, and truncates large enum values
 //! to 32 bits, which makes some invalid ones pass.
-use serde::de::{self, Deserializer, SeqAccess, Visitor};
+use super::error::{Fault, one_line};
+use serde::de::{self, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, de::IgnoredAny};
 use std::borrow::Cow;
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::marker::PhantomData;
 
-/// Most entries in any top-level or nested array of the JSON.
-pub(super) const MAX_JSON_ITEMS: usize = 1 << 22;
+/// Most bytes that what the JSON lists may take, whatever its size.
+pub const MAX_LISTED_BYTES: u64 = 8 << 30;
+/// Bytes granted to what the JSON lists, however short it is.
+pub const LISTED_BYTES_FLOOR: u64 = 256 << 20;
+/// Bytes granted to what the JSON lists per byte of JSON: `{}` is a node of hundreds of bytes, but honest ones have a
+/// mesh, a name, a place.
+pub const LISTED_BYTES_PER_JSON_BYTE: u64 = 32;
+/// An entry is charged so many times its size: for itself, for what it becomes, and for what is said about it.
+const COPIES: u64 = 3;
+/// What a map of names takes at least: a tree's leaf has room for eleven.
+const MAP_BYTES: u64 = 11 * (size_of::<String>() + size_of::<Int>()) as u64 + 16;
+/// What one more name takes: leaves may be half full, and the shortest text takes an allocation.
+const MAP_ENTRY_BYTES: u64 = 2 * (size_of::<String>() + size_of::<Int>()) as u64 + 32;
+
+thread_local! {
+    /// What the lists of the file that this thread reads may still take. Serde's derived code has no place to hand a
+    /// budget down, and it calls back on the thread that called it.
+    static LISTED_BYTES_LEFT: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Reads a file's JSON. The entries of all its lists and maps together, each charged some times its size, stay below
+/// [`LISTED_BYTES_FLOOR`] plus [`LISTED_BYTES_PER_JSON_BYTE`] times its length; strings take no more than a few
+/// times their length.
+pub(super) fn read(json: &[u8]) -> Result<Root<'_>, Fault> {
+    let limit = LISTED_BYTES_FLOOR.saturating_add((json.len() as u64).saturating_mul(LISTED_BYTES_PER_JSON_BYTE));
+    LISTED_BYTES_LEFT.set(limit.min(MAX_LISTED_BYTES));
+    serde_json::from_slice(json).map_err(|e| Fault::Json(one_line(e)))
+}
+
+fn charge<E: de::Error>(bytes: u64) -> Result<(), E> {
+    let left = LISTED_BYTES_LEFT.get().checked_sub(bytes);
+    let left = left.ok_or_else(|| E::custom("its lists take more memory than its length justifies (LISTED_BYTES)"))?;
+    LISTED_BYTES_LEFT.set(left);
+    Ok(())
+}
 
 /// A non-negative integer; `3`, `3.0` and `30e-1` are the same number in JSON.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(super) struct Int(pub u64);
 
-/// An array with at most [`MAX_JSON_ITEMS`] entries.
+/// An array, its entries charged.
 #[derive(Debug)]
 pub(super) struct List<T>(pub Vec<T>);
+
+/// Numbers by name, the entries charged.
+#[derive(Debug, Default)]
+pub(super) struct Named(BTreeMap<String, Int>);
 
 /// A string that borrows from the file where it has no escapes: data URIs are large.
 #[derive(Deserialize, Debug)]
@@ -99,7 +138,7 @@ pub(super) struct NodeExtensions {
 #[derive(Deserialize, Debug)]
 pub(super) struct Instancing {
     #[serde(default)]
-    pub attributes: BTreeMap<String, Int>,
+    pub attributes: Named,
 }
 
 #[derive(Deserialize, Debug)]
@@ -113,12 +152,12 @@ pub(super) struct Mesh {
 #[derive(Deserialize, Debug)]
 pub(super) struct Primitive {
     #[serde(default)]
-    pub attributes: BTreeMap<String, Int>,
+    pub attributes: Named,
     pub indices: Option<Int>,
     pub material: Option<Int>,
     pub mode: Option<Int>,
     #[serde(default)]
-    pub targets: List<BTreeMap<String, Int>>,
+    pub targets: List<Named>,
 }
 
 #[derive(Deserialize, Debug)]
@@ -328,19 +367,47 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
         impl<'de, T: Deserialize<'de>> Visitor<'de> for ListVisitor<T> {
             type Value = List<T>;
             fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                write!(f, "an array of at most {MAX_JSON_ITEMS} entries")
+                f.write_str("an array")
             }
             fn visit_seq<A: SeqAccess<'de>>(self, mut sequence: A) -> Result<List<T>, A::Error> {
                 let mut items = Vec::new();
                 while let Some(item) = sequence.next_element()? {
-                    if items.len() == MAX_JSON_ITEMS {
-                        return Err(de::Error::invalid_length(items.len() + 1, &self));
-                    }
+                    charge(size_of::<T>() as u64 * COPIES)?;
                     items.push(item);
                 }
+                // A vector of one has room for four, and most lists are short.
+                items.shrink_to_fit();
                 Ok(List(items))
             }
         }
         deserializer.deserialize_seq(ListVisitor(PhantomData))
+    }
+}
+
+impl std::ops::Deref for Named {
+    type Target = BTreeMap<String, Int>;
+    fn deref(&self) -> &BTreeMap<String, Int> {
+        &self.0
+    }
+}
+
+impl<'de> Deserialize<'de> for Named {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NamedVisitor;
+        impl<'de> Visitor<'de> for NamedVisitor {
+            type Value = Named;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("an object of integers")
+            }
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Named, A::Error> {
+                let mut entries = BTreeMap::new();
+                while let Some((name, value)) = map.next_entry()? {
+                    charge(if entries.is_empty() { MAP_BYTES } else { MAP_ENTRY_BYTES })?;
+                    entries.insert(name, value);
+                }
+                Ok(Named(entries))
+            }
+        }
+        deserializer.deserialize_map(NamedVisitor)
     }
 }

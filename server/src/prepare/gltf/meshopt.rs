@@ -2,8 +2,7 @@
 //! The crate's decoders are safe on hostile bytes, but assert on strides and allocate what the count says.
 use super::error::{Fault, invalid};
 use super::json::Meshopt;
-use super::validate::Budget;
-use std::borrow::Cow;
+use super::validate::{Budget, Buffer};
 
 /// No meshopt stream expands more than this: a block of 256 vertices whose bytes are all equal costs a
 /// quarter byte per vertex byte in version 1 of the vertex codec, the densest of the three.
@@ -21,7 +20,7 @@ enum Filter {
 /// The decoded bytes of a view of `view_bytes`.
 pub(super) fn decode(
     raw: &Meshopt,
-    buffers: &[Option<Cow<[u8]>>],
+    buffers: &[Option<Buffer>],
     view_bytes: u64,
     place: &str,
     budget: &Budget,
@@ -78,7 +77,7 @@ pub(super) fn decode(
     }
 }
 
-fn source_bytes<'b>(raw: &Meshopt, buffers: &'b [Option<Cow<[u8]>>], place: &str) -> Result<&'b [u8], Fault> {
+fn source_bytes<'b>(raw: &Meshopt, buffers: &'b [Option<Buffer>], place: &str) -> Result<&'b [u8], Fault> {
     let buffer = raw.buffer.0;
     let bytes = usize::try_from(buffer)
         .ok()

@@ -21,10 +21,11 @@ mod validate;
 pub use accessor::{MAX_ACCESSOR_ELEMENTS, MAX_ZERO_FILLED_ELEMENTS};
 pub use container::{MAX_FILE_BYTES, MAX_JSON_BYTES};
 pub use error::{ImportError, ImportErrorKind};
-pub use image::{MAX_IMAGE_DECODE_BYTES, MAX_IMAGE_FILE_BYTES, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE_PX};
-pub use instancing::MAX_INSTANCES;
+pub use image::{MAX_IMAGE_DECODE_BYTES, MAX_IMAGE_FILE_BYTES, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE_PX, MAX_IMAGE_TOTAL_BYTES};
+pub use instancing::{MAX_INSTANCES, MAX_ZERO_FILLED_INSTANCES};
+pub use json::{LISTED_BYTES_FLOOR, LISTED_BYTES_PER_JSON_BYTE, MAX_LISTED_BYTES};
 pub use nodes::MAX_NODE_DEPTH;
-pub use validate::{DECODED_BYTES_FLOOR, DECODED_BYTES_PER_BUFFER_BYTE, MAX_DECODED_BYTES};
+pub use validate::{DECODED_BYTES_FLOOR, DECODED_BYTES_PER_FILE_BYTE, MAX_DECODED_BYTES};
 
 use self::container::Container;
 use self::error::{Fault, one_line, over_cap};
@@ -55,7 +56,7 @@ pub struct SourceScene {
     pub meshes: Vec<SourceMesh>,
     /// Materials in glTF order.
     pub materials: Vec<SourceMaterial>,
-    /// The images that base colour textures use, each once.
+    /// The pictures that base colour textures use, each once: glTF images of one file, data URI or view are one.
     pub images: Vec<SourceImage>,
     /// What was left out or replaced, one line each.
     pub warnings: Vec<String>,
@@ -203,8 +204,10 @@ pub enum SourceImage {
 
 /// Reads and checks the glTF or GLB file at `path`.
 ///
-/// External buffers and images are read from `path`'s folder only. Memory stays below
-/// [`MAX_DECODED_BYTES`] plus the files' own size, and below a multiple of the latter for small files.
+/// External buffers and images are read from `path`'s folder only. Each is read once, however often
+/// it is named. Memory stays below [`MAX_LISTED_BYTES`] plus [`MAX_DECODED_BYTES`] plus the files' own size; for
+/// small files below the two floors plus [`LISTED_BYTES_PER_JSON_BYTE`] times the JSON and
+/// [`DECODED_BYTES_PER_FILE_BYTE`] times all files.
 ///
 /// # Errors
 /// Any breach of glTF 2.0 that would make the scene wrong or its reading unsafe, any required extension
@@ -217,7 +220,7 @@ fn load_scene(path: &Path, progress: ProgressFn<'_>) -> Result<SourceScene, Faul
     progress("reading", 0, 1);
     let mut container = Container::read(path)?;
     let mut warnings = std::mem::take(&mut container.warnings);
-    let json: json::Root = serde_json::from_slice(container.json()).map_err(|e| Fault::Json(one_line(e)))?;
+    let json = json::read(container.json())?;
     validate::asset_header(&json, &mut warnings)?;
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -229,13 +232,13 @@ fn load_scene(path: &Path, progress: ProgressFn<'_>) -> Result<SourceScene, Faul
 
     let mut forest = nodes::build(&asset, &mut warnings)?;
     let worlds = nodes::worlds(&forest)?;
-    let mut table = ImageTable::default();
+    let mut table = ImageTable::new(&json, folder);
     let (materials, uvs) = material::read_all(&json, &mut table, &mut warnings)?;
     let mut image_warnings = Vec::new();
     let (meshes, images) = rayon::join(
         || decode_meshes(&asset, &uvs, progress, &mut warnings),
         || {
-            image::load_all(&asset, &table, folder, &mut image_warnings, |done, total| {
+            image::load_all(&asset, &table, &mut image_warnings, |done, total| {
                 progress("checking textures", done as u64, total as u64);
             })
         },

@@ -8,6 +8,11 @@ use glam::{DAffine3, DMat4, DQuat, DVec3};
 /// Deepest chain of nodes. Walks are iterative; the cap keeps products of transforms meaningful.
 pub const MAX_NODE_DEPTH: usize = 4096;
 
+/// What each leaf costs in all of preparation, in bytes: its draft (8), its bound (120), a node and half a group of the
+/// hierarchy as drafted and as built, its record (40) and its source (12). A primitive makes one leaf or more wherever
+/// it is drawn.
+const LEAF_BYTES: usize = 512;
+
 /// How far a matrix's last row may stray from 0, 0, 0, 1.
 const AFFINE_TOLERANCE: f64 = 1e-6;
 /// How far a quaternion's length may stray from 1 before a warning; it is normalised either way.
@@ -43,6 +48,11 @@ pub(super) fn build(asset: &Asset, warnings: &mut Vec<String>) -> Result<Forest,
             Some(instancing) if mesh.is_some() => instancing::read(asset, instancing, &place(json, k), &mut instances_left)?,
             _ => Vec::new(),
         };
+        if let Some(mesh) = mesh {
+            // The first leaf is part of its object, which is charged as an instance or an entry of the JSON.
+            let more = json.meshes[mesh as usize].primitives.len().saturating_sub(1).saturating_mul(instances.len().max(1));
+            asset.budget.take(more, LEAF_BYTES, || place(json, k))?;
+        }
         nodes.push(SourceNode {
             name: raw.name.clone(),
             parent: parents[k],

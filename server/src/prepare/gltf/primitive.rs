@@ -44,6 +44,8 @@ struct Job<'j> {
 
 impl Job<'_> {
     fn decode(&self, p: usize, uvs: &[Option<UvSource>], warnings: &mut Vec<String>) -> Result<Option<SourcePrimitive>, Fault> {
+        // A mesh is decoded again for each node that bakes it.
+        self.asset.budget.take(1, size_of::<SourcePrimitive>(), || self.place.clone())?;
         let mode = self.raw.mode.map_or(MODE_TRIANGLES, |mode| mode.0);
         if mode > MODE_TRIANGLE_FAN {
             return Err(invalid(&self.place, format_args!("mode {mode}, allowed are 0 to 6")));
@@ -52,14 +54,14 @@ impl Job<'_> {
             Some(material) => Some(resolve(&self.asset.json.materials, material.0, "material", &self.place)?.0),
             None => None,
         };
-        let Some(accessor) = self.attribute("POSITION")? else {
-            warnings.push(format!("{}: has no POSITION and is skipped", self.place));
-            return Ok(None);
-        };
         if (MODE_POINTS..=MODE_LINE_STRIP).contains(&mode) {
             warnings.push(format!("{}: points and lines are skipped", self.place));
             return Ok(None);
         }
+        let Some(accessor) = self.attribute("POSITION")? else {
+            warnings.push(format!("{}: has no POSITION and is skipped", self.place));
+            return Ok(None);
+        };
         let mut positions = self.positions(accessor)?;
         let mut normals = self.normals(positions.len(), warnings)?;
         self.morph(&mut positions, normals.as_mut())?;

@@ -4,6 +4,7 @@
 //! section 3.7.3.3). The scene keeps meshes in node space, so the bake divides the node's transform out.
 use super::accessor::{Accessor, Component, Shape};
 use super::error::{Fault, invalid, resolve};
+use super::json;
 use super::material::UvSource;
 use super::nodes::{self, Forest};
 use super::primitive::decode_mesh;
@@ -20,14 +21,20 @@ pub(super) fn bake_all(
     meshes: &mut Vec<SourceMesh>,
     warnings: &mut Vec<String>,
 ) -> Result<(), Fault> {
+    // Once for each mesh: many nodes may share one of many primitives.
+    let has = |test: fn(&json::Primitive) -> bool| -> Vec<bool> {
+        asset.json.meshes.iter().map(|mesh| mesh.primitives.iter().any(test)).collect()
+    };
+    let jointed = has(|primitive| primitive.attributes.contains_key("JOINTS_0"));
+    let morphed = has(|primitive| !primitive.targets.is_empty());
     for (k, raw) in asset.json.nodes.iter().enumerate() {
         let Some(mesh) = forest.nodes[k].mesh else {
             continue;
         };
         let gltf_mesh = &asset.json.meshes[mesh as usize];
-        let skin = raw.skin.filter(|_| gltf_mesh.primitives.iter().any(|p| p.attributes.contains_key("JOINTS_0")));
-        let morphed = gltf_mesh.primitives.iter().any(|p| !p.targets.is_empty());
-        let weights = raw.weights.as_deref().filter(|weights| morphed && Some(*weights) != gltf_mesh.weights.as_deref());
+        let skin = raw.skin.filter(|_| jointed[mesh as usize]);
+        let weights =
+            raw.weights.as_deref().filter(|weights| morphed[mesh as usize] && Some(*weights) != gltf_mesh.weights.as_deref());
         if skin.is_none() && weights.is_none() {
             continue;
         }
@@ -76,6 +83,8 @@ impl Skin {
                 Some(accessor.floats::<16>(asset)?)
             }
         };
+        // Not only memory: nodes may share a skin, and each reads all of its joints.
+        asset.budget.take(raw.joints.len(), size_of::<DAffine3>(), || place.clone())?;
         let mut joints = Vec::with_capacity(raw.joints.len());
         for (j, joint) in raw.joints.iter().enumerate() {
             let (node, _) = resolve(&asset.json.nodes, joint.0, "node", &place)?;

@@ -51,6 +51,14 @@ pub(super) fn parse(uri: &str, place: &str) -> Result<Target, Fault> {
     Ok(Target::File(PathBuf::from(path)))
 }
 
+/// The one name of the file that `uri` leads to, however it is spelt; `None` where it leads to none.
+pub(super) fn locate(uri: &str, folder: &Path) -> Option<PathBuf> {
+    match parse(uri, "") {
+        Ok(Target::File(relative)) => folder.join(relative).canonicalize().ok(),
+        _ => None,
+    }
+}
+
 fn read_inside(relative: &Path, folder: &Path, place: &str, cap: u64) -> Result<Vec<u8>, Fault> {
     let io = |path: &Path, e: std::io::Error| Fault::Io { path: one_line(path.display()), reason: e.to_string() };
     let base = folder.canonicalize().map_err(|e| io(folder, e))?;

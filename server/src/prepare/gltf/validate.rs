@@ -8,16 +8,18 @@ use super::error::{Fault, invalid, over_cap, resolve};
 use super::json::Root;
 use super::{meshopt, uri};
 use std::borrow::Cow;
-use std::path::Path;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Most bytes that all decoded arrays of one file may take, whatever its size.
+/// Most bytes that all decoded arrays of one file, its instances and leaves may take, whatever its size.
 pub const MAX_DECODED_BYTES: u64 = 16 << 30;
 /// Decoded bytes granted to any file, however small.
 pub const DECODED_BYTES_FLOOR: u64 = 256 << 20;
-/// Decoded bytes granted per byte that the file's buffers hold. Shared accessors are decoded once for each
+/// Decoded bytes granted per byte of the file's JSON and buffers. Shared accessors are decoded once for each
 /// primitive that uses them, and compressed views grow, so honest files need more than one.
-pub const DECODED_BYTES_PER_BUFFER_BYTE: u64 = 64;
+pub const DECODED_BYTES_PER_FILE_BYTE: u64 = 64;
 
 /// Extensions read in full.
 const READ: &[&str] = &[
@@ -58,9 +60,9 @@ pub(super) struct Budget {
 }
 
 impl Budget {
-    pub fn new(buffer_bytes: u64) -> Budget {
+    pub fn new(file_bytes: u64) -> Budget {
         let limit =
-            buffer_bytes.saturating_mul(DECODED_BYTES_PER_BUFFER_BYTE).saturating_add(DECODED_BYTES_FLOOR).min(MAX_DECODED_BYTES);
+            file_bytes.saturating_mul(DECODED_BYTES_PER_FILE_BYTE).saturating_add(DECODED_BYTES_FLOOR).min(MAX_DECODED_BYTES);
         Budget { left: AtomicU64::new(limit), limit }
     }
 
@@ -71,7 +73,7 @@ impl Budget {
             .and_then(|bytes| self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(bytes)).ok())
             .map(|_| ())
             .ok_or_else(|| {
-                let reason = "decoding would take more memory than the file's buffers justify";
+                let reason = "decoding would take more memory than the file's size justifies";
                 over_cap(place(), reason, "DECODED_BYTES", self.limit)
             })
     }
@@ -124,51 +126,80 @@ fn short(text: &str) -> String {
     super::error::one_line(text.chars().take(80).collect::<String>())
 }
 
+/// A buffer's bytes. Buffers that name one file share them.
+#[derive(Clone)]
+pub(super) enum Buffer<'a> {
+    Chunk(&'a [u8]),
+    Read(Arc<Vec<u8>>),
+}
+
+impl std::ops::Deref for Buffer<'_> {
+    type Target = [u8];
+    fn deref(&self) -> &[u8] {
+        match self {
+            Buffer::Chunk(bytes) => bytes,
+            Buffer::Read(bytes) => bytes,
+        }
+    }
+}
+
+/// The buffers of a file; `None` for one without data.
+pub(super) struct Buffers<'a> {
+    pub list: Vec<Option<Buffer<'a>>>,
+    /// Bytes of the JSON and of all buffers, those that buffers share counted once.
+    file_bytes: u64,
+}
+
 /// Loads the buffers that `json` names: the GLB's chunk, embedded data, files beside the asset.
-pub(super) fn load_buffers<'a>(
-    json: &Root,
-    container: &'a Container,
-    folder: &Path,
-) -> Result<Vec<Option<Cow<'a, [u8]>>>, Fault> {
+pub(super) fn load_buffers<'a>(json: &Root, container: &'a Container, folder: &Path) -> Result<Buffers<'a>, Fault> {
     let mut total = 0u64;
-    let mut buffers = Vec::new();
+    let mut files: HashMap<PathBuf, Buffer> = HashMap::new();
+    let mut list = Vec::new();
     for (k, buffer) in json.buffers.iter().enumerate() {
         let place = format!("buffer {k}");
         let length = buffer.byte_length.ok_or_else(|| invalid(&place, "byteLength is missing"))?.0;
         let bytes = match (&buffer.uri, container.bin()) {
             (Some(text), _) => {
-                let bytes = uri::read(&text.0, folder, &place, MAX_FILE_BYTES.saturating_sub(total))?;
-                total += bytes.len() as u64;
-                Some(Cow::Owned(bytes))
+                let file = uri::locate(&text.0, folder);
+                match file.as_ref().and_then(|file| files.get(file)) {
+                    Some(shared) => Some(shared.clone()),
+                    None => {
+                        let bytes = uri::read(&text.0, folder, &place, MAX_FILE_BYTES.saturating_sub(total))?;
+                        total += bytes.len() as u64;
+                        let bytes = Buffer::Read(Arc::new(bytes));
+                        files.extend(file.map(|file| (file, bytes.clone())));
+                        Some(bytes)
+                    }
+                }
             }
-            (None, Some(bin)) if k == 0 => Some(Cow::Borrowed(bin)),
+            (None, Some(bin)) if k == 0 => Some(Buffer::Chunk(bin)),
             (None, _) => None,
         };
         let held = bytes.as_ref().map_or(u64::MAX, |bytes| bytes.len() as u64);
         if length > held {
             return Err(invalid(place, format_args!("byteLength {length}, but only {held} bytes are there")));
         }
-        buffers.push(bytes);
+        list.push(bytes);
     }
-    Ok(buffers)
+    let container = container.json().len() + container.bin().map_or(0, <[u8]>::len);
+    Ok(Buffers { list, file_bytes: total + container as u64 })
 }
 
 impl<'a> Asset<'a> {
-    pub fn new(json: &'a Root<'a>, buffers: &'a [Option<Cow<'a, [u8]>>]) -> Result<Asset<'a>, Fault> {
-        let held: u64 = buffers.iter().flatten().map(|bytes| bytes.len() as u64).sum();
-        let budget = Budget::new(held);
-        let views = (0..json.buffer_views.len()).map(|k| view(json, buffers, k, &budget)).collect::<Result<Vec<_>, _>>()?;
+    pub fn new(json: &'a Root<'a>, buffers: &'a Buffers<'a>) -> Result<Asset<'a>, Fault> {
+        let budget = Budget::new(buffers.file_bytes);
+        let views = (0..json.buffer_views.len()).map(|k| view(json, &buffers.list, k, &budget)).collect::<Result<Vec<_>, _>>()?;
         let quantized =
             json.extensions_used.iter().chain(json.extensions_required.iter()).any(|name| name == "KHR_mesh_quantization");
         let asset = Asset { json, views, budget, quantized };
         for k in 0..json.accessors.len() {
-            Accessor::resolve(&asset, k as u64, format_args!("accessor {k}"))?;
+            Accessor::resolve(&asset, k as u64, format_args!("accessor {k}"))?.check_sparse(&asset.budget)?;
         }
         Ok(asset)
     }
 }
 
-fn view<'a>(json: &'a Root, buffers: &'a [Option<Cow<'a, [u8]>>], k: usize, budget: &Budget) -> Result<View<'a>, Fault> {
+fn view<'a>(json: &'a Root, buffers: &'a [Option<Buffer<'a>>], k: usize, budget: &Budget) -> Result<View<'a>, Fault> {
     let raw = &json.buffer_views[k];
     let place = format!("bufferView {k}");
     let buffer = raw.buffer.ok_or_else(|| invalid(&place, "buffer is missing"))?;
