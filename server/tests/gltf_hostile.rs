@@ -117,7 +117,7 @@ fn missing_empty_and_foreign_files() {
     let missing = load(&folder.path().join("scene.none"), &|_, _, _| {}).map_err(|e| e.to_string());
     refused(missing, &["No such file"]);
     let is_folder = load(folder.path(), &|_, _, _| {}).unwrap_err().to_string();
-    assert!(is_folder.contains("not a regular file"), "{is_folder}");
+    assert!(is_folder.contains("is a directory"), "{is_folder}");
     refused(folder.load_bytes("scene.gltf", b""), &["empty"]);
     refused(folder.load_bytes("scene.gltf", b"solid stl"), &["neither GLB"]);
     refused(folder.load_bytes("scene.gltf", b"{\"asset\":"), &["JSON", "line 1"]);

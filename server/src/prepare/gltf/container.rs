@@ -1,9 +1,11 @@
 //! The outer shell: a `.glb` or `.gltf` file split into its JSON and its binary chunk.
 //! GLB layout: glTF 2.0 specification, section 4.
-use super::error::{Fault, one_line};
-use std::io::Read;
+
 use std::ops::Range;
 use std::path::Path;
+
+use super::error::{Fault, one_line};
+use crate::prepare::bounded;
 
 /// Largest single file read, in bytes: a GLB states its own length in 32 bits.
 pub const MAX_FILE_BYTES: u64 = u32::MAX as u64;
@@ -57,19 +59,7 @@ impl Container {
 
 /// Reads a regular file of at most `cap` bytes.
 pub(super) fn read_bounded(path: &Path, cap: u64) -> Result<Vec<u8>, Fault> {
-    let fault = |reason: String| Fault::Io { path: one_line(path.display()), reason };
-    // Metadata first: opening a FIFO would block.
-    let meta = std::fs::metadata(path).map_err(|e| fault(e.to_string()))?;
-    if !meta.is_file() {
-        return Err(fault("not a regular file".into()));
-    }
-    if meta.len() > cap {
-        return Err(fault(format!("{} bytes, at most {cap} are read", meta.len())));
-    }
-    let mut bytes = Vec::with_capacity(meta.len() as usize);
-    let file = std::fs::File::open(path).map_err(|e| fault(e.to_string()))?;
-    file.take(cap).read_to_end(&mut bytes).map_err(|e| fault(e.to_string()))?;
-    Ok(bytes)
+    bounded::read(path, cap).map_err(|e| Fault::Io { path: one_line(path.display()), reason: e.to_string() })
 }
 
 fn split_glb(file: Vec<u8>) -> Result<Container, Fault> {
