@@ -1,5 +1,5 @@
-//! The algorithms agree on every kind of wall: `oh` makes the tests of `naive` and finds its sets; `adaptive` also tests
-//! against the planes of neighbouring views, and leaves out only what cannot be seen.
+//! The algorithms agree on every kind of wall: `oh` and `oh-plain` make the tests of `naive` and find its sets; `fh` and
+//! `adaptive` also test against the planes of neighbouring views, and leave out only what cannot be seen.
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use mullion_common::geometry::Frustum;
@@ -113,10 +113,14 @@ proptest! {
             }
             let room = DAffine3::from_rotation_y(turn);
             let (naive, _) = sets(Algorithm::Naive, &package, &wall, &eyes, &room);
-            let (oh, _) = sets(Algorithm::Oh, &package, &wall, &eyes, &room);
-            prop_assert_eq!(&oh, &naive, "{}", wall.name());
-            let (adaptive, _) = sets(Algorithm::Adaptive, &package, &wall, &eyes, &room);
-            assert_only_unseen_leaves_missing(&package, &wall, &eyes, &room, &naive, &adaptive);
+            for algorithm in [Algorithm::Oh, Algorithm::OhPlain] {
+                let (found, _) = sets(algorithm, &package, &wall, &eyes, &room);
+                prop_assert_eq!(&found, &naive, "{} on {}", algorithm, wall.name());
+            }
+            for algorithm in [Algorithm::Fh, Algorithm::Adaptive] {
+                let (found, _) = sets(algorithm, &package, &wall, &eyes, &room);
+                assert_only_unseen_leaves_missing(&package, &wall, &eyes, &room, &naive, &found);
+            }
         }
     }
 }
@@ -190,11 +194,17 @@ fn adaptive_tests_less_than_tile_by_tile() {
     let boxes: Vec<_> = (0..400)
         .map(|i| (DVec3::new(f64::from(i % 20) - 10.0, f64::from(i / 20) * 0.5 - 5.0, -8.0), f64::from(i), 0.1))
         .collect();
-    let package = scene(&boxes, &(0..400).map(|i| i + 1).collect::<Vec<_>>());
+    // Each a root: no node before it is its parent.
+    let package = scene(&boxes, &(0..400).collect::<Vec<_>>());
     let wall = configs().into_iter().find(|w| w.name() == "wall-8x8").expect("it ships");
-    let cost = |algorithm| sets(algorithm, &package, &wall, &wall.default_eyes(), &DAffine3::IDENTITY).1.plane_tests;
-    let (naive, oh, adaptive) = (cost(Algorithm::Naive), cost(Algorithm::Oh), cost(Algorithm::Adaptive));
-    assert!(adaptive * 2 < oh && oh < naive, "naive {naive}, oh {oh}, adaptive {adaptive}");
+    let cost = |algorithm| {
+        let (found, stats) = sets(algorithm, &package, &wall, &wall.default_eyes(), &DAffine3::IDENTITY);
+        assert!(found.iter().map(VisibleSet::len).sum::<u32>() >= 100, "the boxes are in view");
+        stats.plane_tests
+    };
+    let [naive, plain, fh, oh, adaptive] = Algorithm::ALL.map(cost);
+    assert!(adaptive * 3 < oh * 2 && oh < plain && plain < naive, "naive {naive}, plain {plain}, oh {oh}, adaptive {adaptive}");
+    assert!(adaptive < fh && fh < naive, "fh {fh}, adaptive {adaptive}");
 }
 
 #[test]

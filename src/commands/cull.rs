@@ -33,7 +33,7 @@ pub struct Options {
     /// A point of the scene that the room's -Z axis faces.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
     look_at: Option<DVec3>,
-    /// adaptive, oh, naive, or all of them one beside the other.
+    /// adaptive, oh, fh, oh-plain, naive, or all of them one beside the other.
     #[arg(long, default_value = "adaptive")]
     algorithm: String,
     /// Cull so many times, algorithms in turn, and give the median time.

@@ -51,7 +51,7 @@ pub struct Options {
     /// Show the wall in a window, too.
     #[arg(long)]
     window: bool,
-    /// adaptive, oh or naive.
+    /// adaptive, oh, fh, oh-plain or naive.
     #[arg(long, default_value = "adaptive")]
     algorithm: Algorithm,
     #[command(flatten)]

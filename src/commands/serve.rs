@@ -42,7 +42,7 @@ pub struct Options {
     /// How long a frame waits for a tile that was ready for the last one, milliseconds; a frame's time and 4 ms if left out.
     #[arg(long, allow_negative_numbers = true, value_name = "MS")]
     barrier: Option<f64>,
-    /// adaptive, oh or naive.
+    /// adaptive, oh, fh, oh-plain or naive.
     #[arg(long, default_value = "adaptive")]
     algorithm: Algorithm,
     /// Write what happened when the show has ended (JSON; `-` for standard output).

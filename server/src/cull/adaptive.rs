@@ -67,7 +67,9 @@ pub(super) struct Pair {
     parted: u32,
 }
 
-fn cull_both(
+/// Takes one node of the object hierarchy, of which `primary_cut` has the planes of the primary frustum that cut it, down
+/// the frustum hierarchy.
+pub(super) fn cull_both(
     hierarchy: &ObjectHierarchy,
     frusta: &FrustumHierarchy,
     (node, primary_cut): (u32, u8),

@@ -1,12 +1,14 @@
 //! Culling: which leaves of the object hierarchy each view may see.
 //!
 //! All algorithms are conservative and give leaf ranges, one visible set a view. `adaptive` is the paper's
-//! (Nirnimesh, Harish, Narayanan 2006, section 4.2); `oh` and `naive` are what it is held against.
+//! (Nirnimesh, Harish, Narayanan 2006, section 4.2); the others are what it is held against.
 
 mod adaptive;
+mod fh;
 mod frustum_hierarchy;
 mod naive;
 mod oh;
+mod oh_plain;
 
 use std::fmt;
 use std::str::FromStr;
@@ -26,18 +28,24 @@ pub enum Algorithm {
     Naive,
     /// The object hierarchy, view by view, with plane masks and the fully-inside shortcut: "OH without FH".
     Oh,
+    /// The object hierarchy, view by view, without masks and shortcut: the paper's traditional way.
+    OhPlain,
+    /// Every leaf down the frustum hierarchy: "FH without OH".
+    Fh,
     /// Both hierarchies together, each unfolded where it pays: "adaptive OH and FH".
     Adaptive,
 }
 
 impl Algorithm {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Naive, Self::Oh, Self::Adaptive];
+    pub const ALL: [Self; 5] = [Self::Naive, Self::OhPlain, Self::Fh, Self::Oh, Self::Adaptive];
 
     /// As users write it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Naive => "naive",
+            Self::OhPlain => "oh-plain",
+            Self::Fh => "fh",
             Self::Oh => "oh",
             Self::Adaptive => "adaptive",
         }
@@ -115,6 +123,8 @@ impl Culler {
         }
         match self.algorithm {
             Algorithm::Naive => naive::cull(hierarchy, self.frusta.views(), sets),
+            Algorithm::OhPlain => oh_plain::cull(hierarchy, self.frusta.views(), sets),
+            Algorithm::Fh => fh::cull(hierarchy, &self.frusta, (&mut self.stack, &mut self.descent), sets),
             Algorithm::Oh => oh::cull(hierarchy, self.frusta.views(), &mut self.descent, sets),
             Algorithm::Adaptive => {
                 let memory = (&mut self.open, &mut self.stack, &mut self.descent);
