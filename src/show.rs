@@ -31,22 +31,23 @@ pub fn camera(walk: Orbit, wall: &Wall) -> Camera {
     })
 }
 
-/// Turns true when the user presses Ctrl-C; pressed again, the process ends at once.
-pub fn stop_on_interrupt() -> Result<watch::Receiver<bool>> {
+/// Turns true when the user presses Ctrl-C, or when the caller makes it; pressed again, the process ends at once.
+pub fn stop_on_interrupt() -> Result<watch::Sender<bool>> {
     const INTERRUPTED: i32 = 130;
-    let (stop, stopped) = watch::channel(false);
+    let stop = watch::Sender::new(false);
+    let interrupted = stop.clone();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot wait for signals")?;
     std::thread::spawn(move || {
         runtime.block_on(async move {
             if tokio::signal::ctrl_c().await.is_ok() {
-                stop.send_replace(true);
+                interrupted.send_replace(true);
                 let _ = tokio::signal::ctrl_c().await;
                 std::process::exit(INTERRUPTED);
             }
             std::future::pending::<()>().await;
         });
     });
-    Ok(stopped)
+    Ok(stop)
 }
 
 /// What is written down while a show runs.

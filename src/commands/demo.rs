@@ -106,8 +106,9 @@ pub fn run(options: &Options) -> Result<()> {
                 feed.close();
                 result
             });
-            display.run(Arc::clone(&gpu), window_options(&wall, &layout))?;
+            let window = display.run(Arc::clone(&gpu), window_options(&wall, &layout));
             stop.send_replace(true);
+            window?;
             finisher.join().map_err(|_| anyhow!("the show's thread ended unexpectedly"))??
         }
     };

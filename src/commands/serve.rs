@@ -121,7 +121,7 @@ pub fn run(options: &Options) -> Result<()> {
             cull: record.culler(options.algorithm, &wall, &package),
             observer: Box::new(observer),
             node_observer: Box::new(node_observer),
-            stop: Some(stop),
+            stop: Some(stop.subscribe()),
             options: show_options,
             wall: Arc::clone(&wall),
             package: Arc::clone(&package),

@@ -9,6 +9,7 @@ use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, Reconnect};
 use mullion_client::output::window::{Cover, Display, WindowOptions};
+use tokio::sync::watch;
 
 use super::serve::DEFAULT_PORT;
 use crate::say::say;
@@ -45,13 +46,14 @@ pub fn run(options: &Options) -> Result<()> {
     let seconds = options.give_up_after;
     ensure!(seconds.is_none_or(|s| (0.0..=1e9).contains(&s)), "--give-up-after: not a number of seconds");
     let reconnect = Reconnect { give_up_after: seconds.map(Duration::from_secs_f64), ..Reconnect::default() };
+    let stop = stop_on_interrupt()?;
     let node_options = NodeOptions {
         master: with_port(&options.master),
         node: options.name.clone(),
         credentials: None,
         memory_bytes: options.memory_mib << 20,
         reconnect,
-        stop: Some(stop_on_interrupt()?),
+        stop: Some(stop.subscribe()),
     };
     let report = match &options.headless {
         Some(folder) => {
@@ -61,14 +63,14 @@ pub fn run(options: &Options) -> Result<()> {
             painter.write_pictures().map_err(|e| anyhow!("{e}"))?;
             report
         }
-        None => run_in_window(options, node_options)?,
+        None => run_in_window(options, node_options, &stop)?,
     };
     say!("{}: {} frames drawn, {} shown, {} bytes of scene", options.name, report.drawn, report.shown, report.blob_bytes);
     Ok(())
 }
 
 /// The window has the main thread; the node runs beside it.
-fn run_in_window(options: &Options, node_options: NodeOptions) -> Result<NodeReport> {
+fn run_in_window(options: &Options, node_options: NodeOptions, stop: &watch::Sender<bool>) -> Result<NodeReport> {
     let display = Display::open()?;
     let gpu = Gpu::open(GpuOptions { display: Some(display.handle()) })?;
     let feed = display.feed();
@@ -82,7 +84,10 @@ fn run_in_window(options: &Options, node_options: NodeOptions) -> Result<NodeRep
     });
     const START_PX: [u32; 2] = [960, 540];
     // The node learns its views from the master; the window lays them out as they come.
-    display.run(gpu, WindowOptions { title, size_px: START_PX, cover, tiles: Vec::new() })?;
+    let window = display.run(gpu, WindowOptions { title, size_px: START_PX, cover, tiles: Vec::new() });
+    // Without a master there are no frames by which the node would notice.
+    stop.send_replace(true);
+    window?;
     node_thread.join().map_err(|_| anyhow!("the node's thread ended unexpectedly"))?.map_err(Into::into)
 }
 
