@@ -69,25 +69,12 @@ fn as_they_stand(views: &[ViewSpec]) -> Option<Vec<TileRect>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mullion_common::wall::{View, ViewId, Wall, WallConfig};
+    use mullion_common::wall::{ViewId, Wall, WallConfig};
 
     /// The views of all tiles of a wall, as its only node gets them.
     fn views(text: &str) -> Vec<ViewSpec> {
         let wall: Wall = WallConfig::parse(text).unwrap();
-        let spec = |(i, view): (usize, &View)| {
-            let tile = wall.tile(view.tile);
-            ViewSpec {
-                view: ViewId(i as u16),
-                tile: view.tile,
-                tile_name: tile.name.clone(),
-                observer: view.observer,
-                eye: view.eye,
-                corners: tile.corners.map(|c| c.to_array()),
-                size_px: tile.size_px,
-                near_m: wall.near_m(),
-            }
-        };
-        wall.views().iter().enumerate().map(spec).collect()
+        (0..wall.views().len() as u16).map(|view| ViewSpec::of(&wall, ViewId(view))).collect()
     }
 
     fn rects(views: &[ViewSpec]) -> Vec<(&str, [f32; 4])> {

@@ -10,7 +10,7 @@ use super::{
     MAX_TO_TILE_BYTES, MAX_VIEWS, MAX_WANTED, PROTOCOL_VERSION, WireError, codec, framed, within,
 };
 use crate::scene::{ChunkHash, SectionKind};
-use crate::wall::{Eye, ObserverId, TileId, ViewId};
+use crate::wall::{Eye, ObserverId, TileId, ViewId, Wall};
 
 pub(super) mod tag {
     pub const HELLO: u8 = 1;
@@ -210,6 +210,24 @@ pub struct ViewSpec {
     pub size_px: [u32; 2],
     /// Distance of the near plane, metres of the room.
     pub near_m: f64,
+}
+
+impl ViewSpec {
+    /// A view of a wall.
+    pub fn of(wall: &Wall, id: ViewId) -> Self {
+        let view = wall.views()[usize::from(id.0)];
+        let tile = wall.tile(view.tile);
+        Self {
+            view: id,
+            tile: view.tile,
+            tile_name: tile.name.clone(),
+            observer: view.observer,
+            eye: view.eye,
+            corners: tile.corners.map(|c| c.to_array()),
+            size_px: tile.size_px,
+            near_m: wall.near_m(),
+        }
+    }
 }
 
 /// The master's answer to a greeting.

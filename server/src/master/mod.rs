@@ -432,7 +432,7 @@ impl Master {
             version: PROTOCOL_VERSION,
             session,
             node: hello.node.clone(),
-            views: self.nodes[index].views.iter().map(|view| self.view_spec(*view)).collect(),
+            views: self.nodes[index].views.iter().map(|view| ViewSpec::of(&self.wall, *view)).collect(),
             rate_hz: self.wall.rate_hz(),
             next_frame: self.next_frame,
         };
@@ -464,21 +464,6 @@ impl Master {
         bytes[32..].copy_from_slice(&self.sessions.to_le_bytes());
         let [a, b, c, d, e, f, g, h, ..] = ChunkHash::of(&bytes).0;
         u64::from_le_bytes([a, b, c, d, e, f, g, h])
-    }
-
-    fn view_spec(&self, id: ViewId) -> ViewSpec {
-        let view = self.wall.views()[usize::from(id.0)];
-        let tile = self.wall.tile(view.tile);
-        ViewSpec {
-            view: id,
-            tile: view.tile,
-            tile_name: tile.name.clone(),
-            observer: view.observer,
-            eye: view.eye,
-            corners: tile.corners.map(|c| c.to_array()),
-            size_px: tile.size_px,
-            near_m: self.wall.near_m(),
-        }
     }
 
     /// Releases the frame that may be released, wants the one that is due.
