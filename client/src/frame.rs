@@ -36,12 +36,6 @@ pub struct ViewInput<'a> {
 pub struct FramePlan {
     /// One after the other.
     pub passes: Vec<PassPlan>,
-    /// Textures of the leaves drawn, each once, in the order of their first use; whether resident or not.
-    pub textures: Vec<ChunkId>,
-    /// Leaves left out because their geometry is not resident, summed over the passes.
-    pub missing: u32,
-    /// How many of `textures` are not resident: their leaves are drawn in their base colour.
-    pub missing_textures: u32,
 }
 
 /// What to draw into one view.
@@ -86,10 +80,6 @@ pub struct Planner {
     spare_passes: Vec<PassPlan>,
     /// Squared distance and leaf.
     keyed: Vec<(f64, u32)>,
-    /// For each material, in which frame its texture was last listed.
-    texture_listed: Vec<u64>,
-    chunk_listed: Vec<u64>,
-    frame: u64,
 }
 
 impl Planner {
@@ -100,15 +90,9 @@ impl Planner {
 
     /// Starts a frame and returns its first round. A frame that was not complete is dropped.
     pub fn begin(&mut self, input: FrameInput<'_>) -> &FramePlan {
-        self.frame += 1;
-        self.texture_listed.resize(input.manifest.materials.len(), 0);
-        self.chunk_listed.resize(input.manifest.chunks.len(), 0);
         self.spare_passes.append(&mut self.plan.passes);
-        self.plan.textures.clear();
-        (self.plan.missing, self.plan.missing_textures) = (0, 0);
         for view in input.views {
             let pass = self.plan_pass(&input, view);
-            self.plan.missing += pass.missing;
             self.plan.passes.push(pass);
         }
         &self.plan
@@ -133,7 +117,6 @@ impl Planner {
                 pass.missing += 1;
                 continue;
             }
-            self.list_texture(input, record);
             match input.manifest.materials[record.material.0 as usize].alpha {
                 AlphaMode::Blend => self.keyed.push((distance_squared(input, record), leaf)),
                 AlphaMode::Opaque | AlphaMode::Mask { .. } => pass.opaque.push(LeafRange::new(leaf, leaf + 1)),
@@ -142,18 +125,6 @@ impl Planner {
         self.keyed.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         pass.blended.extend(self.keyed.iter().map(|&(_, leaf)| leaf));
         pass
-    }
-
-    fn list_texture(&mut self, input: &FrameInput<'_>, record: &LeafRecord) {
-        let material = record.material.0 as usize;
-        if std::mem::replace(&mut self.texture_listed[material], self.frame) == self.frame {
-            return;
-        }
-        let Some(texture) = input.manifest.materials[material].texture else { return };
-        if std::mem::replace(&mut self.chunk_listed[texture.chunk.0 as usize], self.frame) != self.frame {
-            self.plan.textures.push(texture.chunk);
-            self.plan.missing_textures += u32::from(!(input.resident)(texture.chunk));
-        }
     }
 }
 
@@ -229,7 +200,7 @@ mod tests {
         assert_eq!(of_all.passes[0].view, ViewId(3));
         assert_eq!(of_all.passes[0].opaque.leaves().collect::<Vec<_>>(), [1, 3]);
         assert_eq!(of_all.passes[0].blended, [5, 2, 0, 4]);
-        assert_eq!((of_all.missing, of_all.textures.len()), (0, 0));
+        assert_eq!(of_all.passes[0].missing, 0);
 
         // A subset keeps the order of the rest; the planner's memory leaves no trace.
         let some = VisibleSet::from_ranges([LeafRange::new(2, 5)]);
@@ -250,8 +221,7 @@ mod tests {
         let mut planner = Planner::new();
         let beyond = VisibleSet::all(9); // leaves past the table are ignored
         let found = plan(&mut planner, &scene, &beyond, &|chunk| chunk.0 == 2);
-        assert_eq!((found.missing, found.passes[0].missing), (2, 2));
-        assert_eq!((found.textures, found.missing_textures), (vec![ChunkId(0)], 1));
+        assert_eq!(found.passes[0].missing, 2);
         assert_eq!(found.passes[0].blended, [1]);
         assert!(found.passes[0].opaque.is_empty());
         assert_eq!(plan(&mut planner, &scene, &VisibleSet::default(), &|_| true).passes[0].missing, 0);

@@ -31,11 +31,11 @@ fn garbage_is_refused_and_nothing_is_drawn_of_it() {
     assert!(!renderer.is_resident(mesh) && !renderer.is_resident(ChunkId(9)));
     let look = Look::ahead(DVec3::ZERO, [40, 30]);
     let picture = draw(&mut renderer, &scene, &look, &scene.all());
-    assert_eq!((picture.plan.missing, picture.ids.iter().max()), (1, Some(&0)));
+    assert_eq!((picture.plan.passes[0].missing, picture.ids.iter().max()), (1, Some(&0)));
 
     assert_eq!(renderer.upload(mesh, &good), Ok(4 * 24 + 6 * 2));
     let picture = draw(&mut renderer, &scene, &look, &scene.all());
-    assert_eq!((picture.plan.missing, picture.ids.iter().max()), (0, Some(&1)));
+    assert_eq!((picture.plan.passes[0].missing, picture.ids.iter().max()), (0, Some(&1)));
 }
 
 #[test]
@@ -116,11 +116,11 @@ fn faults_are_errors() {
     let mut renderer = open([10, 8]).expect("a renderer");
     let projection = Look::ahead(DVec3::ZERO, [10, 8]).projection();
     let pass = PassPlan { view: ViewId(5), projection, opaque: scene.all(), blended: vec![], missing: 0 };
-    let plan = FramePlan { passes: vec![pass.clone()], ..Default::default() };
+    let plan = FramePlan { passes: vec![pass.clone()] };
     assert_eq!(renderer.draw(&plan), Err(GpuError::UnknownView(5)));
     // Leaves past the table, or not resident, are skipped.
     let pass = PassPlan { view: ViewId(4), blended: vec![3, 4000], ..pass };
-    let results = renderer.draw(&FramePlan { passes: vec![pass], ..Default::default() }).expect("drawn");
+    let results = renderer.draw(&FramePlan { passes: vec![pass] }).expect("drawn");
     assert_eq!(results.passes[0].leaves, 0);
     assert_eq!(renderer.read_ids(ViewId(4)), Err(GpuError::NoIds));
     assert!(renderer.read_color(ViewId(5)).is_err());
