@@ -14,6 +14,7 @@ use mullion_common::scene::{ChunkId, Package};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Projection, ViewId, Wall, WallConfig};
 use mullion_server::cull::{Algorithm, Culler};
+use mullion_server::tree::CullTree;
 use serde::Serialize;
 
 use crate::camera::Orbit;
@@ -124,6 +125,7 @@ pub fn verify(
     };
     let mut painter = Painter::new(gpu, package, grids)?;
     let all = VisibleSet::all(leaves);
+    let tree = CullTree::new(Arc::clone(&package.scene.hierarchy));
     let mut visible_pairs = 0u64;
     for pose in &poses {
         let projection = |wall: &Wall, view: u16| wall.projection(ViewId(view), pose.eye, &pose.world_from_room);
@@ -136,7 +138,7 @@ pub fn verify(
             let wall = grid.wall()?;
             let mut sets = vec![VisibleSet::default(); wall.views().len()];
             let eyes = vec![pose.eye; wall.views().len()];
-            Culler::new(algorithm, &wall).cull(&package.scene.hierarchy, &wall, &eyes, &pose.world_from_room, &mut sets);
+            Culler::new(algorithm, &wall).cull(&tree, &wall, &eyes, &pose.world_from_room, &mut sets);
             let mut composite = Composite::new();
             for (view, set) in sets.iter().enumerate() {
                 let target = ViewId(target as u16 + 1);

@@ -8,6 +8,7 @@ mod support;
 
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use mullion_common::scene::Package;
@@ -15,6 +16,7 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_server::cull::{Algorithm, Culler};
 use mullion_server::prepare::{PrepareOptions, scene_bounds};
+use mullion_server::tree::CullTree;
 use support::random::Random;
 
 /// A triangle of the source file in the world, and the leaf that claims it.
@@ -121,7 +123,13 @@ fn check(package: &Package, triangles: &[SourceTriangle], wall: &Wall, eye: DVec
     let mut sets: Vec<Vec<VisibleSet>> = Vec::new();
     for algorithm in Algorithm::ALL {
         let mut of_views = vec![VisibleSet::default(); eyes.len()];
-        Culler::new(algorithm, wall).cull(&package.scene.hierarchy, wall, &eyes, world_from_room, &mut of_views);
+        Culler::new(algorithm, wall).cull(
+            &CullTree::new(Arc::clone(&package.scene.hierarchy)),
+            wall,
+            &eyes,
+            world_from_room,
+            &mut of_views,
+        );
         sets.push(of_views);
     }
     let mut counts = Counts { visible: 0, pairs: 0 };

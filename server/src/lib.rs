@@ -5,3 +5,4 @@ pub mod master;
 pub mod prepare;
 pub mod service;
 pub mod swap_barrier;
+pub mod tree;

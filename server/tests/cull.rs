@@ -1,6 +1,8 @@
 //! The algorithms agree on every kind of wall: `oh` and `oh-plain` make the tests of `naive` and find its sets; `fh` and
 //! `adaptive` also test against the planes of neighbouring views, and leave out only what cannot be seen.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use mullion_common::geometry::Frustum;
 use mullion_common::scene::Package;
@@ -9,6 +11,7 @@ use mullion_common::wall::{ViewId, Wall, WallConfig};
 use mullion_server::cull::{Algorithm, CullStats, Culler, FrustumHierarchy, FrustumNode};
 use mullion_server::prepare::gltf::{SourceMesh, SourceNode, SourcePrimitive, SourceScene};
 use mullion_server::prepare::{PrepareOptions, prepare};
+use mullion_server::tree::CullTree;
 use proptest::prelude::*;
 
 fn configs() -> Vec<Wall> {
@@ -57,9 +60,13 @@ fn scene(boxes: &[(DVec3, f64, f64)], parents: &[u32]) -> Package {
     prepare(source(nodes, vec![mesh]), &PrepareOptions::default(), &|_, _, _| {}).expect("a scene").package
 }
 
+fn tree(package: &Package) -> CullTree {
+    CullTree::new(Arc::clone(&package.scene.hierarchy))
+}
+
 fn sets(algorithm: Algorithm, package: &Package, wall: &Wall, eyes: &[DVec3], room: &DAffine3) -> (Vec<VisibleSet>, CullStats) {
     let mut sets = vec![VisibleSet::default(); wall.views().len()];
-    let stats = Culler::new(algorithm, wall).cull(&package.scene.hierarchy, wall, eyes, room, &mut sets);
+    let stats = Culler::new(algorithm, wall).cull(&tree(package), wall, eyes, room, &mut sets);
     (sets, stats)
 }
 
@@ -89,8 +96,7 @@ fn is_seen(package: &Package, leaf: u32, frustum: &Frustum) -> bool {
     let at = |k: i32| f64::from(k * 2 - STEPS) / f64::from(STEPS);
     let steps = || 0..=STEPS;
     steps().flat_map(|x| steps().flat_map(move |y| steps().map(move |z| (x, y, z)))).any(|(x, y, z)| {
-        let h = bound.half_m * DVec3::new(at(x), at(y), at(z));
-        let point = bound.center + bound.axes[0] * h.x + bound.axes[1] * h.y + bound.axes[2] * h.z;
+        let point = bound.center + bound.half_axes[0] * at(x) + bound.half_axes[1] * at(y) + bound.half_axes[2] * at(z);
         frustum.planes.iter().all(|plane| plane.distance_m(point) > 0.0)
     })
 }
@@ -143,7 +149,7 @@ fn a_moving_head_drops_nothing() {
             let eyes: Vec<DVec3> = wall.default_eyes().iter().map(|e| *e + away).collect();
             let room = DAffine3::from_translation(DVec3::X * f64::from(step) * 0.1);
             if wall.check_eye(eyes[0]).is_ok() {
-                culler.cull(&package.scene.hierarchy, &wall, &eyes, &room, &mut found);
+                culler.cull(&tree(&package), &wall, &eyes, &room, &mut found);
                 let naive = sets(Algorithm::Naive, &package, &wall, &eyes, &room).0;
                 assert_only_unseen_leaves_missing(&package, &wall, &eyes, &room, &naive, &found);
             }

@@ -73,7 +73,7 @@ fn assert_encloses(package: &Package) {
     let (hierarchy, manifest) = (&package.scene.hierarchy, &package.scene.manifest);
     for id in (0..hierarchy.nodes().len() as u32).map(NodeId) {
         let bound = &hierarchy.node(id).bound;
-        let tolerance_m = 1e-12 * (bound.center.length() + bound.half_m.length());
+        let tolerance_m = 1e-12 * (bound.center.length() + bound.radius_along(DVec3::ONE.normalize()));
         for child in hierarchy.children(id) {
             for corner in hierarchy.node(child).bound.corners() {
                 assert!(bound.contains(corner, tolerance_m), "node {child:?} sticks out of {id:?}");

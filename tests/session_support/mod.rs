@@ -7,7 +7,7 @@ pub mod random;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
-use mullion_common::geometry::Obb;
+use mullion_common::geometry::{Aabb, Obb};
 use mullion_common::scene::{
     AlphaMode, ChunkHash, ChunkId, ChunkKind, ChunkRecord, Filter, LeafRecord, LeafSource, Material, MaterialId, Object,
     ObjectHierarchy, ObjectId, OhNode, Package, Scene, SceneManifest, Sources, TextureRef, Transform, Wrap,
@@ -51,7 +51,7 @@ pub fn package(leaf_count: u32) -> Arc<Package> {
     let materials = vec![material(None), material(Some(texture(0))), material(None), material(Some(texture(1)))];
     let bound = |from: u32, to: u32| {
         let (min, max) = (DVec3::new(f64::from(from), 0.0, 0.0), DVec3::new(f64::from(to), 2.0, 3.0));
-        Obb { center: (min + max) * 0.5, axes: [DVec3::X, DVec3::Y, DVec3::Z], half_m: (max - min) * 0.5 }
+        Obb::from(Aabb { min, max })
     };
     let node = |id: u32, subtree_end, from, to| {
         let leaves = LeafRange::new(from, to);
@@ -68,7 +68,7 @@ pub fn package(leaf_count: u32) -> Arc<Package> {
         leaves: (0..leaf_count).filter(|l| l % OBJECTS == i).map(|l| LeafRange::new(l, l + 1)).collect(),
     };
     let scene = Scene {
-        hierarchy: ObjectHierarchy::new(nodes).expect("a tree"),
+        hierarchy: Arc::new(ObjectHierarchy::new(nodes).expect("a tree")),
         manifest: SceneManifest {
             transforms: vec![Transform::from(DAffine3::IDENTITY); OBJECTS as usize],
             leaves,

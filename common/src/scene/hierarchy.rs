@@ -67,8 +67,7 @@ impl ObjectHierarchy {
             if node.subtree_end <= id || node.subtree_end > limit || (i == 0 && node.subtree_end != limit) {
                 return Err(HierarchyError::SubtreeEnd { node: id, subtree_end: node.subtree_end, limit });
             }
-            let bound = &node.bound;
-            if !(bound.center.is_finite() && bound.half_m.is_finite() && bound.axes.iter().all(|a| a.is_finite())) {
+            if !node.bound.is_finite() {
                 return Err(HierarchyError::Bound { node: id });
             }
             if node.leaves.start != next_leaf {

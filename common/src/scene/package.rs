@@ -8,6 +8,7 @@
 //! All numbers little-endian. A reader skips sections of a kind it does not know.
 
 use std::io::{self, Write};
+use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
@@ -157,7 +158,7 @@ impl Sources {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
     /// The tree that the cull walks.
-    pub hierarchy: ObjectHierarchy,
+    pub hierarchy: Arc<ObjectHierarchy>,
     /// What a tile needs.
     pub manifest: SceneManifest,
     /// Names and parents of objects, by `ObjectId`.
@@ -373,7 +374,7 @@ impl Package {
         ])?;
         let nodes: Vec<OhNode> = decode_section(SectionKind::Hierarchy, get(SectionKind::Hierarchy)?)?;
         let scene = Scene {
-            hierarchy: ObjectHierarchy::new(nodes)?,
+            hierarchy: Arc::new(ObjectHierarchy::new(nodes)?),
             manifest,
             objects: decode_section(SectionKind::Objects, get(SectionKind::Objects)?)?,
             sources: decode_section(SectionKind::Sources, get(SectionKind::Sources)?)?,

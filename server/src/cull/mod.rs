@@ -14,9 +14,10 @@ use std::fmt;
 use std::str::FromStr;
 
 use glam::{DAffine3, DVec3};
-use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
+
+use crate::tree::CullTree;
 
 pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guard};
 
@@ -103,7 +104,7 @@ impl Culler {
     /// When `eyes` or `sets` are not as many as the wall's views.
     pub fn cull(
         &mut self,
-        hierarchy: &ObjectHierarchy,
+        tree: &CullTree,
         wall: &Wall,
         eyes: &[DVec3],
         world_from_room: &DAffine3,
@@ -118,6 +119,7 @@ impl Culler {
         }
         self.frusta.place(world_from_room);
         sets.iter_mut().for_each(VisibleSet::clear);
+        let hierarchy = tree.hierarchy();
         if hierarchy.root().is_none() {
             return CullStats::default();
         }

@@ -1,9 +1,10 @@
 //! Joins divided meshes, objects and the hierarchy into a package.
 
 use std::io::Cursor;
+use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, Vec3};
 use mullion_common::geometry::{Obb, RELATIVE_SLACK};
 use mullion_common::scene::{
     AlphaMode, ChunkId, ChunkKind, Filter, GeometryChunk, LeafRecord, LeafSource, Material, MaterialId, Object, ObjectHierarchy,
@@ -63,7 +64,7 @@ pub fn prepare(source: SourceScene, options: &PrepareOptions, progress: Progress
     let bounds = leaf_bounds(&leaves, &placed, &table, &chunks, progress);
     progress("building hierarchy", 0, 1);
     let (oh_nodes, order) = build_hierarchy(&placed, &divided, &leaves, &bounds);
-    let hierarchy = ObjectHierarchy::new(oh_nodes).map_err(|e| package_error(e.into()))?;
+    let hierarchy = Arc::new(ObjectHierarchy::new(oh_nodes).map_err(|e| package_error(e.into()))?);
 
     let leaf = |&draft: &u32| &leaves[draft as usize];
     let manifest = SceneManifest {
@@ -307,11 +308,7 @@ fn leaf_bounds(
 /// large as the vertices' offsets from the object's origin, which cancel when geometry lies far from it.
 fn world_bound(positions: &[[f32; 3]], local: (Vec3, Vec3), world_from_local: &DAffine3) -> Obb {
     let world = positions.iter().map(|p| world_from_local.transform_point3(Vec3::from(*p).as_dvec3()));
-    let bound = Obb::around(world).unwrap_or(Obb {
-        center: world_from_local.translation,
-        axes: [DVec3::X, DVec3::Y, DVec3::Z],
-        half_m: DVec3::ZERO,
-    });
+    let bound = Obb::around(world).unwrap_or(Obb::of_point(world_from_local.translation));
     let m = world_from_local.matrix3;
     let far = local.0.abs().max(local.1.abs()).as_dvec3();
     let offset_m = m.x_axis.length() * far.x + m.y_axis.length() * far.y + m.z_axis.length() * far.z;
