@@ -111,6 +111,11 @@ impl FrustumHierarchy {
         self.builds
     }
 
+    /// The views' frusta in room space, by `ViewId`.
+    pub fn room(&self) -> &[Frustum] {
+        &self.room
+    }
+
     /// The views' frusta in the world, by `ViewId`.
     pub fn views(&self) -> &[Frustum] {
         &self.world

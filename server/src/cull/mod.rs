@@ -9,6 +9,7 @@ mod frustum_hierarchy;
 mod naive;
 mod oh;
 mod oh_plain;
+mod sweep;
 
 use std::fmt;
 use std::str::FromStr;
@@ -35,11 +36,13 @@ pub enum Algorithm {
     Fh,
     /// Both hierarchies together, each unfolded where it pays: "adaptive OH and FH".
     Adaptive,
+    /// One walk of the wide tree for a whole grid of tiles: ours, and the fastest.
+    Sweep,
 }
 
 impl Algorithm {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Naive, Self::OhPlain, Self::Fh, Self::Oh, Self::Adaptive];
+    pub const ALL: [Self; 6] = [Self::Naive, Self::OhPlain, Self::Fh, Self::Oh, Self::Adaptive, Self::Sweep];
 
     /// As users write it.
     pub fn name(self) -> &'static str {
@@ -49,6 +52,7 @@ impl Algorithm {
             Self::Fh => "fh",
             Self::Oh => "oh",
             Self::Adaptive => "adaptive",
+            Self::Sweep => "sweep",
         }
     }
 }
@@ -68,6 +72,13 @@ impl FromStr for Algorithm {
     }
 }
 
+impl std::ops::AddAssign for CullStats {
+    fn add_assign(&mut self, other: Self) {
+        self.nodes_visited += other.nodes_visited;
+        self.plane_tests += other.plane_tests;
+    }
+}
+
 /// What one cull cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CullStats {
@@ -81,6 +92,7 @@ pub struct CullStats {
 pub struct Culler {
     algorithm: Algorithm,
     frusta: FrustumHierarchy,
+    sweeper: sweep::Sweeper,
     room_eyes: Vec<DVec3>,
     stack: Vec<adaptive::Pair>,
     descent: Vec<oh::Open>,
@@ -92,7 +104,8 @@ impl Culler {
     pub fn new(algorithm: Algorithm, wall: &Wall) -> Self {
         let room_eyes = wall.default_eyes();
         let frusta = FrustumHierarchy::new(room_frusta(wall, &room_eyes));
-        Self { algorithm, frusta, room_eyes, stack: Vec::new(), descent: Vec::new(), open: Vec::new() }
+        let sweeper = sweep::Sweeper::new(frusta.views());
+        Self { algorithm, frusta, sweeper, room_eyes, stack: Vec::new(), descent: Vec::new(), open: Vec::new() }
     }
 
     /// Finds what each view may see.
@@ -116,14 +129,19 @@ impl Culler {
             self.room_eyes.clear();
             self.room_eyes.extend_from_slice(eyes);
             self.frusta.update(room_frusta_iter(wall, &self.room_eyes));
+            self.sweeper.update(self.frusta.room());
         }
-        self.frusta.place(world_from_room);
         sets.iter_mut().for_each(VisibleSet::clear);
         let hierarchy = tree.hierarchy();
         if hierarchy.root().is_none() {
             return CullStats::default();
         }
+        if self.algorithm == Algorithm::Sweep {
+            return self.sweeper.cull(tree, world_from_room, sets);
+        }
+        self.frusta.place(world_from_room);
         match self.algorithm {
+            Algorithm::Sweep => unreachable!("above"),
             Algorithm::Naive => naive::cull(hierarchy, self.frusta.views(), sets),
             Algorithm::OhPlain => oh_plain::cull(hierarchy, self.frusta.views(), sets),
             Algorithm::Fh => fh::cull(hierarchy, &self.frusta, (&mut self.stack, &mut self.descent), sets),

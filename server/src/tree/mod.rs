@@ -1,25 +1,36 @@
 //! The trees that the cull walks.
 
+mod wide;
+
 use std::sync::Arc;
 
 use mullion_common::scene::ObjectHierarchy;
 
+pub use wide::{LANES, WideNode, WideTree};
+
 /// The object hierarchy in every form that an algorithm walks.
 ///
-/// Cheap to make from a hierarchy that a package holds: both share it.
+/// Shares the hierarchy with the package that holds it.
 #[derive(Debug, Default)]
 pub struct CullTree {
     hierarchy: Arc<ObjectHierarchy>,
+    wide: Arc<WideTree>,
 }
 
 impl CullTree {
     /// The tree over a hierarchy.
     pub fn new(hierarchy: Arc<ObjectHierarchy>) -> Self {
-        Self { hierarchy }
+        let wide = Arc::new(WideTree::new(&hierarchy));
+        Self { hierarchy, wide }
     }
 
     /// The object hierarchy, which the paper's algorithms walk.
     pub fn hierarchy(&self) -> &ObjectHierarchy {
         &self.hierarchy
+    }
+
+    /// The same as wide nodes, which the sweep walks.
+    pub fn wide(&self) -> &WideTree {
+        &self.wide
     }
 }

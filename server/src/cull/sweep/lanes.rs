@@ -1,0 +1,189 @@
+//! Eight numbers at a time. The only place that knows of SIMD.
+//!
+//! [`Plain`] runs everywhere; on x86 with AVX2 the same operations run on vectors. Both round after every operation and
+//! give the same bits.
+
+/// Eight `f32` side by side.
+pub(super) trait Lanes: Copy {
+    /// Eight numbers.
+    type Wide: Copy;
+
+    /// Runs a kernel compiled for these lanes.
+    fn run<K: Kernel>(self, kernel: K) -> K::Output;
+    /// The same number eight times.
+    fn splat(self, value: f32) -> Self::Wide;
+    /// Bytes as numbers.
+    fn widen(self, bytes: &[u8; 8]) -> Self::Wide;
+    /// a + b
+    fn add(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
+    /// a − b
+    fn sub(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
+    /// a · b
+    fn mul(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
+    /// A bit for each lane in which a < b.
+    fn below(self, a: Self::Wide, b: Self::Wide) -> u8;
+}
+
+/// What runs on lanes. Everything that it calls with them must be inlined.
+pub(super) trait Kernel {
+    /// What comes out.
+    type Output;
+    /// Runs it.
+    fn run<L: Lanes>(self, lanes: L) -> Self::Output;
+}
+
+/// Runs a kernel on the best lanes of this machine.
+pub(super) fn run_on_best<K: Kernel>(kernel: K) -> K::Output {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(avx2) = avx2::Avx2::detect() {
+        return avx2.run(kernel);
+    }
+    Plain.run(kernel)
+}
+
+/// One number after the other.
+#[derive(Clone, Copy)]
+pub(super) struct Plain;
+
+impl Lanes for Plain {
+    type Wide = [f32; 8];
+
+    #[inline(always)]
+    fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        kernel.run(self)
+    }
+
+    #[inline(always)]
+    fn splat(self, value: f32) -> [f32; 8] {
+        [value; 8]
+    }
+
+    #[inline(always)]
+    fn widen(self, bytes: &[u8; 8]) -> [f32; 8] {
+        bytes.map(f32::from)
+    }
+
+    #[inline(always)]
+    fn add(self, a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
+        std::array::from_fn(|i| a[i] + b[i])
+    }
+
+    #[inline(always)]
+    fn sub(self, a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
+        std::array::from_fn(|i| a[i] - b[i])
+    }
+
+    #[inline(always)]
+    fn mul(self, a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
+        std::array::from_fn(|i| a[i] * b[i])
+    }
+
+    #[inline(always)]
+    fn below(self, a: [f32; 8], b: [f32; 8]) -> u8 {
+        (0..8).fold(0, |mask, i| mask | (u8::from(a[i] < b[i]) << i))
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)] // vector instructions; each is sound where the processor has them, which `Avx2` proves
+mod avx2 {
+    use super::{Kernel, Lanes};
+    use std::arch::x86_64::*;
+
+    /// A processor with AVX2: there is no other way to one than [`Avx2::detect`].
+    #[derive(Clone, Copy)]
+    pub(in crate::cull::sweep) struct Avx2(());
+
+    impl Avx2 {
+        /// AVX2, where this machine has it.
+        pub fn detect() -> Option<Self> {
+            is_x86_feature_detected!("avx2").then_some(Self(()))
+        }
+    }
+
+    #[target_feature(enable = "avx2")]
+    fn compiled_for_avx2<K: Kernel>(lanes: Avx2, kernel: K) -> K::Output {
+        kernel.run(lanes)
+    }
+
+    impl Lanes for Avx2 {
+        type Wide = __m256;
+
+        #[inline(always)]
+        fn run<K: Kernel>(self, kernel: K) -> K::Output {
+            // SAFETY: the processor has AVX2: `self` was made after asking it.
+            unsafe { compiled_for_avx2(self, kernel) }
+        }
+
+        #[inline(always)]
+        fn splat(self, value: f32) -> __m256 {
+            // SAFETY: as above.
+            unsafe { _mm256_set1_ps(value) }
+        }
+
+        #[inline(always)]
+        fn widen(self, bytes: &[u8; 8]) -> __m256 {
+            let low = i64::from_le_bytes(*bytes);
+            // SAFETY: as above.
+            unsafe { _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_cvtsi64_si128(low))) }
+        }
+
+        #[inline(always)]
+        fn add(self, a: __m256, b: __m256) -> __m256 {
+            // SAFETY: as above.
+            unsafe { _mm256_add_ps(a, b) }
+        }
+
+        #[inline(always)]
+        fn sub(self, a: __m256, b: __m256) -> __m256 {
+            // SAFETY: as above.
+            unsafe { _mm256_sub_ps(a, b) }
+        }
+
+        #[inline(always)]
+        fn mul(self, a: __m256, b: __m256) -> __m256 {
+            // SAFETY: as above.
+            unsafe { _mm256_mul_ps(a, b) }
+        }
+
+        #[inline(always)]
+        fn below(self, a: __m256, b: __m256) -> u8 {
+            // SAFETY: as above.
+            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(a, b)) as u8 }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// All operations on awkward numbers, as bits.
+    struct Everything;
+
+    impl Kernel for Everything {
+        type Output = Vec<u32>;
+
+        fn run<L: Lanes>(self, l: L) -> Vec<u32> {
+            let numbers = [0.0, -0.0, 1.0, 3.0e-39, f32::MAX, f32::INFINITY, f32::NAN, 0.1, -7.3, 1.0 / 3.0];
+            let bytes = l.widen(&[0, 1, 2, 127, 128, 200, 254, 255]);
+            let mut bits = Vec::new();
+            for (a, b) in numbers.iter().flat_map(|a| numbers.iter().map(move |b| (*a, *b))) {
+                let (wide_a, wide_b) = (l.mul(l.splat(a), bytes), l.splat(b));
+                let sums = [l.add(wide_a, wide_b), l.sub(wide_a, wide_b), l.mul(wide_a, wide_b), l.add(l.mul(wide_a, wide_b), wide_a)];
+                for x in sums {
+                    // The comparisons with a grid of numbers tell every bit that matters.
+                    bits.extend(numbers.iter().map(|n| u32::from(l.below(x, l.splat(*n)))));
+                    bits.extend(numbers.iter().map(|n| u32::from(l.below(l.splat(*n), x))));
+                    bits.push(u32::from(l.below(x, l.splat(a.next_up()))) | u32::from(l.below(x, l.splat((a * b).next_up()))) << 8);
+                }
+            }
+            bits
+        }
+    }
+
+    #[test]
+    fn vectors_and_plain_numbers_agree_to_the_bit() {
+        assert_eq!(run_on_best(Everything), Plain.run(Everything));
+    }
+}
