@@ -95,6 +95,7 @@ impl VisibleSet {
 
     /// Adds a range that starts at or after the start of the last one. Cheap; out of order, use
     /// [`VisibleSet::push_unordered`] and [`VisibleSet::normalize`].
+    #[inline]
     pub fn push(&mut self, range: LeafRange) {
         if range.is_empty() {
             return;

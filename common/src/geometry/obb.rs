@@ -73,6 +73,7 @@ impl Obb {
     }
 
     /// Half the box's extent along the unit direction `normal`, metres.
+    #[inline]
     pub fn radius_along(&self, normal: DVec3) -> f64 {
         let [x, y, z] = self.half_axes.map(|h| h.dot(normal).abs());
         x + y + z

@@ -5,7 +5,7 @@
 //! the same, and so is their order.
 
 use glam::DVec3;
-use mullion_common::geometry::Aabb;
+use mullion_common::geometry::{Aabb, Obb};
 use mullion_common::scene::{NodeId, ObjectHierarchy};
 
 /// Children of a node.
@@ -23,11 +23,11 @@ pub struct WideNode {
     pub origin: [f32; 3],
     /// A step along each axis is two to this power, metres.
     pub exponent: [i8; 3],
-    /// Lanes in use; they come first.
-    pub lanes: u8,
-    /// First leaf of each lane. A lane ends where the next one starts; the last one where the node does.
+    unused: u8,
+    /// First leaf of each lane, `u32::MAX` in an unused one. A lane ends where the next one starts or the node ends.
     pub first_leaf: [u32; LANES],
-    /// Below each lane: a wide node, or with [`WideNode::LEAF`] set the hierarchy's node of a leaf.
+    /// Below each lane: a wide node, or with [`WideNode::LEAF`] set the hierarchy's node of a leaf, with
+    /// [`WideNode::ORIENTED`] set where its oriented box is much smaller than the lane's.
     pub child: [u32; LANES],
 }
 const _: () = assert!(size_of::<WideNode>() == 128);
@@ -35,6 +35,10 @@ const _: () = assert!(size_of::<WideNode>() == 128);
 impl WideNode {
     /// Marks a child that is a leaf.
     pub const LEAF: u32 = 1 << 31;
+    /// Marks a leaf whose oriented box is worth a test of its own.
+    pub const ORIENTED: u32 = 1 << 30;
+    /// What remains without the marks.
+    pub const NODE: u32 = Self::ORIENTED - 1;
     /// Steps along an axis.
     const STEPS: f64 = 255.0;
     /// Least exponent: a step of a tenth of a nanometre, for nodes without extent.
@@ -48,8 +52,8 @@ impl WideNode {
             max: [[0; LANES]; 3],
             origin: [0.0; 3],
             exponent: [0; 3],
-            lanes: boxes.len() as u8,
-            first_leaf: [0; LANES],
+            unused: 0,
+            first_leaf: [u32::MAX; LANES],
             child: [0; LANES],
         };
         for axis in 0..3 {
@@ -139,7 +143,8 @@ impl WideTree {
             for (lane, member) in members.iter().enumerate() {
                 node.first_leaf[lane] = hierarchy.node(NodeId(member.first)).leaves.start;
                 if member.end == member.first + 1 {
-                    node.child[lane] = WideNode::LEAF | member.first;
+                    let is_oriented = is_worth_its_own_test(&hierarchy.node(NodeId(member.first)).bound);
+                    node.child[lane] = WideNode::LEAF | member.first | if is_oriented { WideNode::ORIENTED } else { 0 };
                 } else {
                     open.push((*member, Some((id, lane))));
                 }
@@ -164,6 +169,12 @@ impl WideTree {
     pub fn leaf_count(&self) -> u32 {
         self.leaf_count
     }
+}
+
+/// Whether an oriented box has so much less surface than the axis-aligned box around it that another test pays.
+fn is_worth_its_own_test(bound: &Obb) -> bool {
+    const WORTH: f64 = 0.9;
+    bound.size_measure() < WORTH * half_area(&bound.aabb()) / 4.0
 }
 
 /// The axis-aligned box of every node of the hierarchy, from its leaves' boxes up.
@@ -192,7 +203,8 @@ fn gather(hierarchy: &ObjectHierarchy, boxes: &[Aabb], run: Run, members: &mut V
             !is_leaf && members.len() - 1 + parts_of(hierarchy, *run, LANES) <= LANES
         };
         let area = |run: &Run| half_area(&bound_of(hierarchy, boxes, *run));
-        let largest = (0..members.len()).filter(|i| fits(&members[*i])).max_by(|a, b| area(&members[*a]).total_cmp(&area(&members[*b])));
+        let largest =
+            (0..members.len()).filter(|i| fits(&members[*i])).max_by(|a, b| area(&members[*a]).total_cmp(&area(&members[*b])));
         let Some(at) = largest else {
             return;
         };

@@ -24,7 +24,8 @@ pub(super) trait Lanes: Copy {
     fn below(self, a: Self::Wide, b: Self::Wide) -> u8;
 }
 
-/// What runs on lanes. Everything that it calls with them must be inlined.
+/// What runs on lanes. Everything that it calls with them must be `#[inline(always)]`, and no closure may use them: what
+/// the compiler leaves a function of its own is compiled for any processor, and calls every instruction.
 pub(super) trait Kernel {
     /// What comes out.
     type Output;
@@ -170,12 +171,15 @@ mod tests {
             let mut bits = Vec::new();
             for (a, b) in numbers.iter().flat_map(|a| numbers.iter().map(move |b| (*a, *b))) {
                 let (wide_a, wide_b) = (l.mul(l.splat(a), bytes), l.splat(b));
-                let sums = [l.add(wide_a, wide_b), l.sub(wide_a, wide_b), l.mul(wide_a, wide_b), l.add(l.mul(wide_a, wide_b), wide_a)];
+                let sums =
+                    [l.add(wide_a, wide_b), l.sub(wide_a, wide_b), l.mul(wide_a, wide_b), l.add(l.mul(wide_a, wide_b), wide_a)];
                 for x in sums {
                     // The comparisons with a grid of numbers tell every bit that matters.
                     bits.extend(numbers.iter().map(|n| u32::from(l.below(x, l.splat(*n)))));
                     bits.extend(numbers.iter().map(|n| u32::from(l.below(l.splat(*n), x))));
-                    bits.push(u32::from(l.below(x, l.splat(a.next_up()))) | u32::from(l.below(x, l.splat((a * b).next_up()))) << 8);
+                    bits.push(
+                        u32::from(l.below(x, l.splat(a.next_up()))) | u32::from(l.below(x, l.splat((a * b).next_up()))) << 8,
+                    );
                 }
             }
             bits
