@@ -109,6 +109,14 @@ impl VisibleSet {
         }
     }
 
+    /// Adds the ranges of a set that starts at or after the start of this one's last range.
+    pub fn append(&mut self, after: &Self) {
+        if let [first, rest @ ..] = after.ranges.as_slice() {
+            self.push(*first);
+            self.ranges.extend_from_slice(rest);
+        }
+    }
+
     /// Adds a range in any order; the set is valid again after [`VisibleSet::normalize`].
     pub fn push_unordered(&mut self, range: LeafRange) {
         match self.ranges.last_mut() {
@@ -246,6 +254,12 @@ mod tests {
             a.union_into(&b, &mut out);
             assert_valid(&out);
             prop_assert_eq!(out.leaves().collect::<BTreeSet<_>>(), &oracle_a | &oracle_b);
+
+            let after = VisibleSet::from_ranges(b.ranges().iter().map(|r| LeafRange::new(r.start + 60, r.end + 60)));
+            let mut appended = a.clone();
+            appended.append(&after);
+            a.union_into(&after, &mut out);
+            prop_assert_eq!(&appended, &out);
 
             a.difference_into(&b, &mut out);
             assert_valid(&out);

@@ -41,6 +41,9 @@ pub struct Options {
     /// Cull so many times, algorithms in turn, and give the median time.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     repeat: u32,
+    /// Threads for the sweep.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=64))]
+    threads: u8,
     /// Write each tile's corners, eye, leaf ranges and counts (JSON; `-` for standard output).
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -96,7 +99,7 @@ pub fn run(options: &Options) -> Result<()> {
     };
     let world_from_room = place_room(options.camera.unwrap_or_default(), options.look_at);
     let package = open_scene(&options.scene, &options.how.options()?)?;
-    let runs = measure(&package, &wall, &eyes, &world_from_room, &algorithms, options.repeat);
+    let runs = measure(&package, &wall, &eyes, &world_from_room, &algorithms, options.repeat, options.threads.into())?;
     let all = u64::from(package.scene.leaf_count()) * wall.views().len() as u64;
     let is_piped = options.json.as_deref().is_some_and(is_standard_output);
     for run in runs.iter().filter(|_| !is_piped) {
@@ -131,15 +134,16 @@ fn measure(
     world_from_room: &DAffine3,
     algorithms: &[Algorithm],
     repeat: u32,
-) -> Vec<Run> {
+    threads: usize,
+) -> Result<Vec<Run>> {
     let mut runs: Vec<(Culler, Vec<f64>, Run)> = algorithms
         .iter()
         .map(|&algorithm| {
             let sets = vec![VisibleSet::default(); wall.views().len()];
             let run = Run { algorithm, median_us: 0.0, stats: CullStats::default(), sets };
-            (Culler::new(algorithm, wall), Vec::new(), run)
+            Ok((Culler::new(algorithm, wall).with_threads(threads)?, Vec::new(), run))
         })
-        .collect();
+        .collect::<Result<_>>()?;
     let tree = CullTree::new(Arc::clone(&package.scene.hierarchy));
     for _ in 0..repeat {
         for (culler, times_us, run) in &mut runs {
@@ -152,7 +156,7 @@ fn measure(
         times_us.sort_by(f64::total_cmp);
         Run { median_us: times_us[times_us.len() / 2], ..run }
     };
-    runs.into_iter().map(finish).collect()
+    Ok(runs.into_iter().map(finish).collect())
 }
 
 fn report(

@@ -108,6 +108,15 @@ impl Culler {
         Self { algorithm, frusta, sweeper, room_eyes, stack: Vec::new(), descent: Vec::new(), open: Vec::new() }
     }
 
+    /// Culls large scenes on so many threads, the caller's among them; only [`Algorithm::Sweep`] takes more than one.
+    ///
+    /// # Errors
+    /// When the system gives no more.
+    pub fn with_threads(mut self, threads: usize) -> std::io::Result<Self> {
+        self.sweeper.set_threads(threads)?;
+        Ok(self)
+    }
+
     /// Finds what each view may see.
     ///
     /// `eyes` in room space (each in front of its screen, see `Wall::check_eye`) and `sets` are indexed by `ViewId`, one for each view of the wall; `world_from_room` is a

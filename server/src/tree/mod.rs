@@ -29,6 +29,11 @@ impl CullTree {
         &self.hierarchy
     }
 
+    /// Both forms, for a thread of its own.
+    pub(crate) fn shared(&self) -> (Arc<ObjectHierarchy>, Arc<WideTree>) {
+        (Arc::clone(&self.hierarchy), Arc::clone(&self.wide))
+    }
+
     /// The same as wide nodes, which the sweep walks.
     pub fn wide(&self) -> &WideTree {
         &self.wide

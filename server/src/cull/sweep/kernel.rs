@@ -16,7 +16,7 @@ const LEFT: u8 = 1;
 const RIGHT: u8 = 2;
 const NEAR: u8 = 16;
 /// All of them.
-pub(super) const ALL: u8 = 31;
+const ALL: u8 = 31;
 
 /// Share of the distances that counts as rounding: what culling in `f64` takes, and as much again for the sums in `f32`,
 /// whose error stays below 2⁻²¹ of the same distances.
@@ -37,6 +37,17 @@ pub(super) struct Visit {
 
 impl Visit {
     const EMIT: u32 = u32::MAX;
+
+    /// The whole tree before the whole lattice.
+    pub(super) fn all(tree: &WideTree, lattice: &Lattice) -> Self {
+        let [across, up] = lattice.slots();
+        Self { node: 0, leaves: LeafRange::new(0, tree.leaf_count()), slots: [0, across, 0, up], mask: ALL }
+    }
+
+    /// Whether leaves are to be emitted, not a node to be visited.
+    pub(super) fn is_emission(&self) -> bool {
+        self.node == Self::EMIT
+    }
 }
 
 /// A plane for the lanes, relative to the eye.
@@ -65,22 +76,32 @@ pub(super) struct Memory {
     negative: Vec<u8>,
 }
 
-/// One sweep: a lattice, the tree, and where to start.
-pub(super) struct Sweep<'a> {
+/// One sweep: a lattice, the tree, where to start, and where what is found goes.
+pub(super) struct Sweep<'a, S> {
     pub tree: &'a WideTree,
     pub hierarchy: &'a ObjectHierarchy,
     pub lattice: &'a Lattice,
     pub start: &'a [Visit],
     pub memory: &'a mut Memory,
-    pub sets: &'a mut [VisibleSet],
+    pub sink: S,
 }
 
-impl Kernel for Sweep<'_> {
+/// Where a sweep's findings go.
+pub(super) trait Sink {
+    /// Whether the sink takes a node as it is, unvisited.
+    fn takes(&mut self, visit: &Visit) -> bool;
+    /// Leaves that all cells may see. Calls come in ascending order of leaves.
+    fn emit(&mut self, leaves: LeafRange, cells: [u16; 4]);
+    /// Nothing follows.
+    fn finish(&mut self);
+}
+
+impl<S: Sink> Kernel for Sweep<'_, S> {
     type Output = CullStats;
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> CullStats {
-        let Self { tree, hierarchy, lattice, start, memory, sets } = self;
+        let Self { tree, hierarchy, lattice, start, memory, mut sink } = self;
         memory.near = lattice.near().into();
         for (own, planes) in memory.planes.iter_mut().zip(lattice.planes()) {
             own.clear();
@@ -88,14 +109,16 @@ impl Kernel for Sweep<'_> {
         }
         memory.negative.resize(memory.planes[0].len().max(memory.planes[1].len()), 0);
         let mut stats = CullStats::default();
-        let mut out = Output { lattice, sets, pending: LeafRange::new(0, 0), cells: [0; 4] };
         let offset = tree.origin() - lattice.eye();
         let Memory { stack, near, planes, negative } = memory;
         stack.clear();
         stack.extend(start.iter().rev());
         while let Some(visit) = stack.pop() {
             if visit.node == Visit::EMIT {
-                out.emit(visit.leaves, visit.slots);
+                sink.emit(visit.leaves, visit.slots);
+                continue;
+            }
+            if sink.takes(&visit) {
                 continue;
             }
             let node = &tree.nodes()[visit.node as usize];
@@ -116,6 +139,7 @@ impl Kernel for Sweep<'_> {
                 let is_settled = mask == 0 && slots[1] - slots[0] == 1 && slots[3] - slots[2] == 1;
                 if !is_settled {
                     if child & WideNode::LEAF == 0 {
+                        lanes.prefetch(&tree.nodes()[child as usize]);
                         stack.push(Visit { node: child, leaves, slots, mask });
                         continue;
                     }
@@ -131,14 +155,14 @@ impl Kernel for Sweep<'_> {
                     continue; // in a gap
                 }
                 if stack.len() == first_new {
-                    out.emit(leaves, cells);
+                    sink.emit(leaves, cells);
                 } else {
                     stack.push(Visit { node: Visit::EMIT, leaves, slots: cells, mask });
                 }
             }
             stack[first_new..].reverse();
         }
-        out.flush();
+        sink.finish();
         stats
     }
 }
@@ -354,28 +378,40 @@ fn refine(bound: &Obb, lattice: &Lattice, slots: &mut [u16; 4], mask: u8, stats:
     true
 }
 
-/// Where ranges go. Those that follow on one another in the same cells are joined first.
-struct Output<'a> {
+/// Puts ranges into the views' sets. Those that follow on one another in the same cells are joined first.
+pub(super) struct ToSets<'a> {
     lattice: &'a Lattice,
     sets: &'a mut [VisibleSet],
     pending: LeafRange,
     cells: [u16; 4],
 }
 
-impl Output<'_> {
+impl<'a> ToSets<'a> {
+    /// Adds to `sets`, by `ViewId`.
+    pub(super) fn new(lattice: &'a Lattice, sets: &'a mut [VisibleSet]) -> Self {
+        Self { lattice, sets, pending: LeafRange::new(0, 0), cells: [0; 4] }
+    }
+}
+
+impl Sink for ToSets<'_> {
+    #[inline(always)]
+    fn takes(&mut self, _: &Visit) -> bool {
+        false
+    }
+
     #[inline(always)]
     fn emit(&mut self, leaves: LeafRange, cells: [u16; 4]) {
         if cells == self.cells && leaves.start == self.pending.end {
             self.pending.end = leaves.end;
         } else {
-            self.flush();
+            self.finish();
             self.pending = leaves;
             self.cells = cells;
         }
     }
 
     #[inline(always)]
-    fn flush(&mut self) {
+    fn finish(&mut self) {
         let [left, right, bottom, top] = self.cells;
         for row in bottom..top {
             for view in self.lattice.row(row, left..right) {
@@ -383,4 +419,29 @@ impl Output<'_> {
             }
         }
     }
+}
+
+/// Keeps the nodes of at most `grain` leaves for later, and in order with them what is found above.
+pub(super) struct ToVisits<'a> {
+    pub visits: &'a mut Vec<Visit>,
+    pub grain: u32,
+}
+
+impl Sink for ToVisits<'_> {
+    #[inline(always)]
+    fn takes(&mut self, visit: &Visit) -> bool {
+        let takes = visit.leaves.len() <= self.grain;
+        if takes {
+            self.visits.push(*visit);
+        }
+        takes
+    }
+
+    #[inline(always)]
+    fn emit(&mut self, leaves: LeafRange, cells: [u16; 4]) {
+        self.visits.push(Visit { node: Visit::EMIT, leaves, slots: cells, mask: 0 });
+    }
+
+    #[inline(always)]
+    fn finish(&mut self) {}
 }

@@ -22,6 +22,8 @@ pub(super) trait Lanes: Copy {
     fn mul(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
     /// A bit for each lane in which a < b.
     fn below(self, a: Self::Wide, b: Self::Wide) -> u8;
+    /// Asks for the memory of something that is soon looked at.
+    fn prefetch<T>(self, soon: &T);
 }
 
 /// What runs on lanes. Everything that it calls with them must be `#[inline(always)]`, and no closure may use them: what
@@ -83,6 +85,9 @@ impl Lanes for Plain {
     fn below(self, a: [f32; 8], b: [f32; 8]) -> u8 {
         (0..8).fold(0, |mask, i| mask | (u8::from(a[i] < b[i]) << i))
     }
+
+    #[inline(always)]
+    fn prefetch<T>(self, _: &T) {}
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -151,6 +156,16 @@ mod avx2 {
         fn below(self, a: __m256, b: __m256) -> u8 {
             // SAFETY: as above.
             unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(a, b)) as u8 }
+        }
+
+        #[inline(always)]
+        fn prefetch<T>(self, soon: &T) {
+            const LINE: usize = 64;
+            let start = std::ptr::from_ref(soon).cast::<i8>();
+            for offset in (0..size_of::<T>()).step_by(LINE) {
+                // SAFETY: a hint, which reads nothing; the addresses lie in `soon`.
+                unsafe { _mm_prefetch::<_MM_HINT_T0>(start.add(offset)) }
+            }
         }
     }
 }

@@ -8,19 +8,18 @@ use glam::{DAffine3, DVec3};
 use mullion_common::geometry::{Frustum, FrustumSide};
 
 /// Views of one eye as columns and rows.
-#[derive(Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Lattice {
     frame: Frame,
     columns: Axis,
     rows: Axis,
     /// Views, row by row from the bottom.
     views: Vec<u16>,
-    /// Column and row of each of them.
     placed: Placed,
 }
 
 /// The planes of a lattice in the world, relative to its eye.
-#[derive(Debug)]
+#[derive(Clone, Debug, Default)]
 struct Placed {
     eye: DVec3,
     near: RelativePlane,
@@ -37,7 +36,7 @@ pub(super) struct RelativePlane {
 }
 
 /// How an eye looks at a plane.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Frame {
     eye: DVec3,
     forward: DVec3,
@@ -48,7 +47,7 @@ struct Frame {
 }
 
 /// Edges along one axis, as tangents from the axis of view, and the slots between them.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 struct Axis {
     /// Ascending.
     tangents: Vec<f64>,
