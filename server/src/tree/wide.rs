@@ -7,6 +7,7 @@
 use glam::DVec3;
 use mullion_common::geometry::{Aabb, Obb};
 use mullion_common::scene::{NodeId, ObjectHierarchy};
+use mullion_common::visible_set::LeafRange;
 
 /// Children of a node.
 pub const LANES: usize = 8;
@@ -70,6 +71,13 @@ impl WideNode {
             }
         }
         node
+    }
+
+    /// The leaves of a lane; `end` is one past the node's last leaf.
+    #[inline(always)]
+    pub fn leaves(&self, lane: usize, end: u32) -> LeafRange {
+        let next = if lane + 1 < LANES { self.first_leaf[lane + 1].min(end) } else { end };
+        LeafRange::new(self.first_leaf[lane], next)
     }
 
     /// Length of a step along each axis, metres.

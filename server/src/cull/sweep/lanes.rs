@@ -22,6 +22,12 @@ pub(super) trait Lanes: Copy {
     fn mul(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
     /// A bit for each lane in which a < b.
     fn below(self, a: Self::Wide, b: Self::Wide) -> u8;
+    /// The lesser of a and b.
+    fn min(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
+    /// a without its sign.
+    fn abs(self, a: Self::Wide) -> Self::Wide;
+    /// As numbers.
+    fn to_array(self, a: Self::Wide) -> [f32; 8];
     /// Asks for the memory of something that is soon looked at.
     fn prefetch<T>(self, soon: &T);
 }
@@ -84,6 +90,21 @@ impl Lanes for Plain {
     #[inline(always)]
     fn below(self, a: [f32; 8], b: [f32; 8]) -> u8 {
         (0..8).fold(0, |mask, i| mask | (u8::from(a[i] < b[i]) << i))
+    }
+
+    #[inline(always)]
+    fn min(self, a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
+        std::array::from_fn(|i| if a[i] < b[i] { a[i] } else { b[i] })
+    }
+
+    #[inline(always)]
+    fn abs(self, a: [f32; 8]) -> [f32; 8] {
+        a.map(f32::abs)
+    }
+
+    #[inline(always)]
+    fn to_array(self, a: [f32; 8]) -> [f32; 8] {
+        a
     }
 
     #[inline(always)]
@@ -159,6 +180,24 @@ mod avx2 {
         }
 
         #[inline(always)]
+        fn min(self, a: __m256, b: __m256) -> __m256 {
+            // SAFETY: as above.
+            unsafe { _mm256_min_ps(a, b) }
+        }
+
+        #[inline(always)]
+        fn abs(self, a: __m256) -> __m256 {
+            // SAFETY: as above.
+            unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), a) }
+        }
+
+        #[inline(always)]
+        fn to_array(self, a: __m256) -> [f32; 8] {
+            // SAFETY: both are eight numbers side by side.
+            unsafe { std::mem::transmute::<__m256, [f32; 8]>(a) }
+        }
+
+        #[inline(always)]
         fn prefetch<T>(self, soon: &T) {
             const LINE: usize = 64;
             let start = std::ptr::from_ref(soon).cast::<i8>();
@@ -180,21 +219,22 @@ mod tests {
     impl Kernel for Everything {
         type Output = Vec<u32>;
 
+        #[inline(always)]
         fn run<L: Lanes>(self, l: L) -> Vec<u32> {
             let numbers = [0.0, -0.0, 1.0, 3.0e-39, f32::MAX, f32::INFINITY, f32::NAN, 0.1, -7.3, 1.0 / 3.0];
             let bytes = l.widen(&[0, 1, 2, 127, 128, 200, 254, 255]);
             let mut bits = Vec::new();
-            for (a, b) in numbers.iter().flat_map(|a| numbers.iter().map(move |b| (*a, *b))) {
-                let (wide_a, wide_b) = (l.mul(l.splat(a), bytes), l.splat(b));
-                let sums =
-                    [l.add(wide_a, wide_b), l.sub(wide_a, wide_b), l.mul(wide_a, wide_b), l.add(l.mul(wide_a, wide_b), wide_a)];
-                for x in sums {
-                    // The comparisons with a grid of numbers tell every bit that matters.
-                    bits.extend(numbers.iter().map(|n| u32::from(l.below(x, l.splat(*n)))));
-                    bits.extend(numbers.iter().map(|n| u32::from(l.below(l.splat(*n), x))));
-                    bits.push(
-                        u32::from(l.below(x, l.splat(a.next_up()))) | u32::from(l.below(x, l.splat((a * b).next_up()))) << 8,
-                    );
+            for a in numbers {
+                for b in numbers {
+                    let (wide_a, wide_b) = (l.mul(l.splat(a), bytes), l.splat(b));
+                    let product = l.mul(wide_a, wide_b);
+                    for x in [l.add(wide_a, wide_b), l.sub(wide_a, wide_b), product, l.add(product, wide_a), l.min(l.abs(wide_a), wide_b)] {
+                        // One NaN is as good as another.
+                        for number in l.to_array(x) {
+                            bits.push(if number.is_nan() { u32::MAX } else { number.to_bits() });
+                        }
+                        bits.push(u32::from(l.below(x, wide_a)) | u32::from(l.below(wide_b, x)) << 8);
+                    }
                 }
             }
             bits

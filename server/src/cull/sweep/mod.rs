@@ -6,6 +6,7 @@
 //! (leaf range × rectangle of tiles), in ascending order. Leaves that are cut are tested again as oriented boxes, in
 //! `f64`. Walls of several screens or eyes are swept lattice by lattice.
 
+mod classify;
 mod helpers;
 mod kernel;
 mod lanes;

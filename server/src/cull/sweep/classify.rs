@@ -1,0 +1,355 @@
+//! A node's eight boxes against the planes of a lattice.
+
+use glam::DVec3;
+use mullion_common::geometry::{Obb, RELATIVE_SLACK};
+use mullion_common::scene::{NodeId, ObjectHierarchy};
+
+use super::lanes::Lanes;
+use super::lattice::{Lattice, RelativePlane};
+use crate::cull::CullStats;
+use crate::tree::{LANES, WideNode};
+
+/// Bits of a mask: outer sides of a rectangle of slots, and the near plane, that still may cut a box. Bottom and top stand
+/// two bits above left and right.
+const LEFT: u8 = 1;
+const RIGHT: u8 = 2;
+const NEAR: u8 = 16;
+/// All of them.
+pub(super) const ALL_SIDES: u8 = 31;
+
+/// Share of the distances that counts as rounding: what culling in `f64` takes, and as much again for the sums in `f32`,
+/// whose error stays below 2⁻²¹ of the same distances.
+const SLACK: f32 = (RELATIVE_SLACK * 2.0) as f32;
+
+/// A plane for the lanes, relative to the eye.
+#[derive(Clone, Copy, Debug, Default)]
+struct LanePlane {
+    normal: [f32; 3],
+    offset_m: f32,
+    /// The normal's coordinates without their signs.
+    absolute: [f32; 3],
+}
+
+impl From<&RelativePlane> for LanePlane {
+    fn from(plane: &RelativePlane) -> Self {
+        let normal = plane.normal.as_vec3();
+        Self { normal: normal.to_array(), offset_m: plane.offset_m as f32, absolute: normal.abs().to_array() }
+    }
+}
+
+/// The planes of a lattice for the lanes.
+#[derive(Debug, Default)]
+pub(super) struct LanePlanes {
+    near: LanePlane,
+    /// Columns and rows.
+    axes: [Vec<LanePlane>; 2],
+    /// Memory of [`Boxes::classify`]: for each plane inside the slots, the lanes wholly on its negative side.
+    negative: Vec<u8>,
+}
+
+impl LanePlanes {
+    /// Takes the planes of a placed lattice.
+    pub(super) fn set(&mut self, lattice: &Lattice) {
+        self.near = lattice.near().into();
+        for (own, planes) in self.axes.iter_mut().zip(lattice.planes()) {
+            own.clear();
+            own.extend(planes.iter().map(LanePlane::from));
+        }
+        self.negative.resize(self.axes[0].len().max(self.axes[1].len()), 0);
+    }
+}
+
+/// Told how far from another answer each test was.
+pub(super) trait Margins<L: Lanes> {
+    /// A plane was tested: `high` and `low` are the boxes' greatest and least signed distances, metres, and the answers change
+    /// at `-slack_m` and `slack_m`.
+    fn tested(&mut self, lanes: L, high: L::Wide, low: L::Wide, slack_m: f32);
+    /// The last plane tested leaves these lanes unseen, whatever the others say.
+    fn decided(&mut self, lanes: L, unseen: u8);
+    /// A plane was tested against one lane's oriented box.
+    fn tested_leaf(&mut self, lane: usize, high_m: f64, low_m: f64, slack_m: f64);
+}
+
+/// Nobody asks.
+impl<L: Lanes> Margins<L> for () {
+    #[inline(always)]
+    fn tested(&mut self, _: L, _: L::Wide, _: L::Wide, _: f32) {}
+    #[inline(always)]
+    fn decided(&mut self, _: L, _: u8) {}
+    #[inline(always)]
+    fn tested_leaf(&mut self, _: usize, _: f64, _: f64, _: f64) {}
+}
+
+/// The boxes of a node, relative to the eye, metres.
+pub(super) struct Boxes<L: Lanes> {
+    middle: [L::Wide; 3],
+    /// Half of each edge.
+    half: [L::Wide; 3],
+    /// Distance from the eye within which all of them lie.
+    pub reach_m: f32,
+    slack_m: f32,
+    alive: u8,
+}
+
+impl<L: Lanes> Boxes<L> {
+    /// `offset` leads from the eye to the tree's origin.
+    #[inline(always)]
+    pub(super) fn of(lanes: L, node: &WideNode, offset: DVec3, planes: &LanePlanes) -> Self {
+        let offset = [
+            (offset.x + f64::from(node.origin[0])) as f32,
+            (offset.y + f64::from(node.origin[1])) as f32,
+            (offset.z + f64::from(node.origin[2])) as f32,
+        ];
+        let half_step = node.step_m().map(|step| step * 0.5);
+        let reach = |axis: usize| offset[axis].abs() + 510.0 * half_step[axis];
+        let reach_m = reach(0) + reach(1) + reach(2) + planes.near.offset_m.abs();
+        let x = Self::span(lanes, &node.min[0], &node.max[0], half_step[0], offset[0]);
+        let y = Self::span(lanes, &node.min[1], &node.max[1], half_step[1], offset[1]);
+        let z = Self::span(lanes, &node.min[2], &node.max[2], half_step[2], offset[2]);
+        let is_empty = lanes.below(x.1, lanes.splat(0.0));
+        Self { middle: [x.0, y.0, z.0], half: [x.1, y.1, z.1], reach_m, slack_m: reach_m * SLACK, alive: !is_empty }
+    }
+
+    /// Middle and half length along one axis.
+    #[inline(always)]
+    fn span(lanes: L, min: &[u8; LANES], max: &[u8; LANES], half_step: f32, offset: f32) -> (L::Wide, L::Wide) {
+        let (low, high) = (lanes.widen(min), lanes.widen(max));
+        let step = lanes.splat(half_step);
+        let middle = lanes.add(lanes.mul(lanes.add(low, high), step), lanes.splat(offset));
+        (middle, lanes.mul(lanes.sub(high, low), step))
+    }
+
+    /// v · n of each lane.
+    #[inline(always)]
+    fn dot(lanes: L, v: &[L::Wide; 3], n: &[f32; 3]) -> L::Wide {
+        let xy = lanes.add(lanes.mul(v[0], lanes.splat(n[0])), lanes.mul(v[1], lanes.splat(n[1])));
+        lanes.add(xy, lanes.mul(v[2], lanes.splat(n[2])))
+    }
+
+    /// The lanes wholly on the negative side of a plane, and those wholly on the positive one.
+    #[inline(always)]
+    fn sides(&self, lanes: L, plane: &LanePlane, margins: &mut impl Margins<L>) -> (u8, u8) {
+        let middle = lanes.add(Self::dot(lanes, &self.middle, &plane.normal), lanes.splat(plane.offset_m));
+        let radius = Self::dot(lanes, &self.half, &plane.absolute);
+        let (high, low) = (lanes.add(middle, radius), lanes.sub(middle, radius));
+        margins.tested(lanes, high, low, self.slack_m);
+        let negative = lanes.below(high, lanes.splat(-self.slack_m));
+        let positive = lanes.below(lanes.splat(self.slack_m), low);
+        (negative, positive)
+    }
+
+    /// What is to be known of lanes that may meet `slots` and be cut by the sides of `mask`.
+    #[inline(always)]
+    pub(super) fn classify(
+        &self,
+        lanes: L,
+        slots: [u16; 4],
+        mask: u8,
+        planes: &mut LanePlanes,
+        margins: &mut impl Margins<L>,
+        stats: &mut CullStats,
+    ) -> Found {
+        let LanePlanes { near, axes, negative: negatives } = planes;
+        let mut found = Found { alive: self.alive, low: [0; 2], high: [0; 2], masks: 0 };
+        let mut tests = 0;
+        if mask & NEAR != 0 {
+            let (negative, positive) = self.sides(lanes, near, margins);
+            margins.decided(lanes, negative);
+            found.alive &= !negative;
+            found.masks |= SPREAD[usize::from(!positive)] * u64::from(NEAR);
+            tests += 1;
+        }
+        for axis in 0..2 {
+            let [low, high] = [slots[axis * 2], slots[axis * 2 + 1]].map(usize::from);
+            let planes = &axes[axis][..];
+            // Lanes that leave out the first slot, and those that leave out the last one.
+            let (mut after_first, mut before_last) = (0, 0);
+            if high - low > 1 {
+                let mut beyond = !0u8;
+                for k in low + 1..high {
+                    let (negative, positive) = self.sides(lanes, &planes[k], margins);
+                    negatives[k] = negative;
+                    if k - low <= MAX_LEFT_OUT {
+                        beyond &= positive;
+                        found.low[axis] += SPREAD[usize::from(beyond)];
+                        if k == low + 1 {
+                            after_first = beyond;
+                        }
+                    }
+                }
+                let mut before = !0u8;
+                for k in (low + 1..high).rev().take(MAX_LEFT_OUT) {
+                    before &= negatives[k];
+                    found.high[axis] += SPREAD[usize::from(before)];
+                    if k == high - 1 {
+                        before_last = before;
+                    }
+                }
+                tests += (high - low - 1) as u64;
+            }
+            if mask & (LEFT << (2 * axis)) != 0 {
+                let (negative, positive) = self.sides(lanes, &planes[low], margins);
+                margins.decided(lanes, negative);
+                found.alive &= !negative;
+                found.masks |= SPREAD[usize::from(!positive & !after_first)] * u64::from(LEFT << (2 * axis));
+                tests += 1;
+            }
+            if mask & (RIGHT << (2 * axis)) != 0 {
+                let (negative, positive) = self.sides(lanes, &planes[high], margins);
+                margins.decided(lanes, positive);
+                found.alive &= !positive;
+                found.masks |= SPREAD[usize::from(!negative & !before_last)] * u64::from(RIGHT << (2 * axis));
+                tests += 1;
+            }
+        }
+        stats.nodes_visited += u64::from(self.alive.count_ones());
+        stats.plane_tests += tests * u64::from(self.alive.count_ones());
+        found
+    }
+}
+
+/// Most slots that one visit leaves out at either end: what a byte counts. The visits below leave out more.
+const MAX_LEFT_OUT: usize = 255;
+
+/// A mask's bits as bytes, 0 or 1.
+const SPREAD: [u64; 256] = {
+    let mut spread = [0; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let mut lane = 0;
+        while lane < 8 {
+            spread[mask] |= ((mask as u64 >> lane) & 1) << (8 * lane);
+            lane += 1;
+        }
+        mask += 1;
+    }
+    spread
+};
+
+/// What is known of a node's lanes. Of each `u64`, a byte a lane.
+///
+/// A slot is left out only because the box lies wholly beyond its far edge or wholly before its near one, which holds for
+/// boxes that reach behind the eye, too.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Found {
+    /// Lanes that may be seen.
+    pub alive: u8,
+    /// Slots left out at the low end of each axis, and at the high end.
+    low: [u64; 2],
+    high: [u64; 2],
+    /// The sides that may cut it.
+    masks: u64,
+}
+
+/// Where a lane stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum State {
+    /// No view may see it.
+    Unseen,
+    /// The views of these cells may see all of it.
+    Seen([u16; 4]),
+    /// Its children are to be asked: with these slots, and these sides that may cut it.
+    Open([u16; 4], u8),
+}
+
+impl Found {
+    /// Where a lane of `node` stands, which was classified with `slots`.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn state<L: Lanes>(
+        &self,
+        lane: usize,
+        slots: [u16; 4],
+        node: &WideNode,
+        hierarchy: &ObjectHierarchy,
+        lattice: &Lattice,
+        margins: &mut impl Margins<L>,
+        stats: &mut CullStats,
+    ) -> State {
+        let byte = |of: u64| (of >> (8 * lane)) as u8;
+        let [left, right, bottom, top] = slots;
+        // Both ends may leave out the same slots, and more than there are.
+        let mut slots = [
+            left + u16::from(byte(self.low[0])),
+            right - u16::from(byte(self.high[0])),
+            bottom + u16::from(byte(self.low[1])),
+            top - u16::from(byte(self.high[1])),
+        ];
+        let mask = byte(self.masks);
+        if slots[0] >= slots[1] || slots[2] >= slots[3] {
+            return State::Unseen;
+        }
+        let child = node.child[lane];
+        let is_settled = mask == 0 && slots[1] - slots[0] == 1 && slots[3] - slots[2] == 1;
+        if !is_settled {
+            if child & WideNode::LEAF == 0 {
+                return State::Open(slots, mask);
+            }
+            if child & WideNode::ORIENTED != 0 {
+                let bound = &hierarchy.node(NodeId(child & WideNode::NODE)).bound;
+                match refine(bound, lane, lattice, slots, mask, margins, stats) {
+                    Some(refined) => slots = refined,
+                    None => return State::Unseen,
+                }
+            }
+        }
+        let cells = lattice.cells(slots);
+        let is_in_gap = cells[0] >= cells[1] || cells[2] >= cells[3];
+        if is_in_gap { State::Unseen } else { State::Seen(cells) }
+    }
+}
+
+/// The slots that a leaf's oriented box may meet, of those that its axis-aligned box may meet; none when no view sees it.
+#[inline(always)]
+fn refine<L: Lanes>(
+    bound: &Obb,
+    lane: usize,
+    lattice: &Lattice,
+    slots: [u16; 4],
+    mask: u8,
+    margins: &mut impl Margins<L>,
+    stats: &mut CullStats,
+) -> Option<[u16; 4]> {
+    let offset = bound.center - lattice.eye();
+    let distance_m = offset.x.abs() + offset.y.abs() + offset.z.abs();
+    // −1: wholly on the negative side, 1: wholly on the positive one.
+    let mut side = |plane: &RelativePlane| {
+        stats.plane_tests += 1;
+        let middle_m = plane.normal.dot(offset) + plane.offset_m;
+        let radius_m = bound.radius_along(plane.normal);
+        let slack_m = (distance_m + radius_m) * RELATIVE_SLACK;
+        margins.tested_leaf(lane, middle_m + radius_m, middle_m - radius_m, slack_m);
+        i8::from(middle_m - radius_m > slack_m) - i8::from(middle_m + radius_m < -slack_m)
+    };
+    if mask & NEAR != 0 && side(lattice.near()) < 0 {
+        return None;
+    }
+    let mut refined = [0; 4];
+    for (axis, planes) in lattice.planes().into_iter().enumerate() {
+        let (mut low, mut high) = (slots[axis * 2], slots[axis * 2 + 1]);
+        if mask & (LEFT << (2 * axis)) != 0 && side(&planes[usize::from(low)]) < 0 {
+            return None;
+        }
+        if mask & (RIGHT << (2 * axis)) != 0 && side(&planes[usize::from(high)]) > 0 {
+            return None;
+        }
+        let mut is_before_next = false;
+        while low + 1 < high && !is_before_next {
+            match side(&planes[usize::from(low + 1)]) {
+                1 => low += 1,
+                -1 => is_before_next = true,
+                _ => break,
+            }
+        }
+        while low + 2 < high && side(&planes[usize::from(high - 1)]) < 0 {
+            high -= 1;
+        }
+        if is_before_next && low + 2 == high {
+            high = low + 1;
+        }
+        refined[axis * 2] = low;
+        refined[axis * 2 + 1] = high;
+    }
+    Some(refined)
+}
+
