@@ -111,10 +111,7 @@ impl VisibleSet {
 
     /// Adds the ranges of a set that starts at or after the start of this one's last range.
     pub fn append(&mut self, after: &Self) {
-        if let [first, rest @ ..] = after.ranges.as_slice() {
-            self.push(*first);
-            self.ranges.extend_from_slice(rest);
-        }
+        self.push_all(&after.ranges);
     }
 
     /// Adds a range in any order; the set is valid again after [`VisibleSet::normalize`].
@@ -149,7 +146,47 @@ impl VisibleSet {
     /// `out` becomes the leaves of either set.
     pub fn union_into(&self, other: &Self, out: &mut Self) {
         out.clear();
-        let (mut a, mut b) = (self.ranges.iter().peekable(), other.ranges.iter().peekable());
+        out.push_either(self.ranges.iter().copied(), other.ranges.iter().copied());
+    }
+
+    /// `out` becomes the leaves of this set that `other` lacks.
+    pub fn difference_into(&self, other: &Self, out: &mut Self) {
+        out.clear();
+        Difference { ranges: &self.ranges, holes: &other.ranges, start: 0 }.for_each(|range| out.push(range));
+    }
+
+    /// `out` becomes this set without the leaves of `removed`, then with those of `added`. What neither touches is copied in
+    /// one piece.
+    pub fn patch_into(&self, removed: &Self, added: &Self, out: &mut Self) {
+        out.clear();
+        let [mut kept, mut holes, mut more] = [&self.ranges[..], &removed.ranges[..], &added.ranges[..]];
+        while let Some(start) = [holes, more].iter().filter_map(|list| list.first()).map(|range| range.start).min() {
+            let (before, rest) = kept.split_at(kept.partition_point(|range| range.end < start));
+            out.push_all(before);
+            kept = rest;
+            // All that overlaps or touches from here on.
+            let mut end = start;
+            let mut counts = [0; 3];
+            while let Some((list, range)) = [kept, holes, more].iter().enumerate().find_map(|(list, ranges)| {
+                ranges.get(counts[list]).filter(|range| range.start <= end).map(|range| (list, range))
+            }) {
+                end = end.max(range.end);
+                counts[list] += 1;
+            }
+            let ranges;
+            let holes_here;
+            let more_here;
+            (ranges, kept) = kept.split_at(counts[0]);
+            (holes_here, holes) = holes.split_at(counts[1]);
+            (more_here, more) = more.split_at(counts[2]);
+            out.push_either(Difference { ranges, holes: holes_here, start: 0 }, more_here.iter().copied());
+        }
+        out.push_all(kept);
+    }
+
+    /// Adds the ranges of both, each given in ascending order.
+    fn push_either(&mut self, a: impl Iterator<Item = LeafRange>, b: impl Iterator<Item = LeafRange>) {
+        let (mut a, mut b) = (a.peekable(), b.peekable());
         loop {
             let next = match (a.peek(), b.peek()) {
                 (Some(x), Some(y)) if x.start <= y.start => a.next(),
@@ -158,31 +195,16 @@ impl VisibleSet {
                 (None, None) => return,
             };
             if let Some(range) = next {
-                out.push(*range);
+                self.push(range);
             }
         }
     }
 
-    /// `out` becomes the leaves of this set that `other` lacks.
-    pub fn difference_into(&self, other: &Self, out: &mut Self) {
-        out.clear();
-        let mut holes = other.ranges.as_slice();
-        for range in &self.ranges {
-            let mut start = range.start;
-            while let Some(hole) = holes.first() {
-                if hole.end <= start {
-                    holes = &holes[1..];
-                } else if hole.start >= range.end {
-                    break;
-                } else {
-                    out.push(LeafRange::new(start, hole.start.max(start)));
-                    start = hole.end;
-                    if hole.end > range.end {
-                        break;
-                    }
-                }
-            }
-            out.push(LeafRange::new(start.min(range.end), range.end));
+    /// Adds ranges of a set that start at or after the start of this one's last range.
+    fn push_all(&mut self, ranges: &[LeafRange]) {
+        if let [first, rest @ ..] = ranges {
+            self.push(*first);
+            self.ranges.extend_from_slice(rest);
         }
     }
 
@@ -191,6 +213,37 @@ impl VisibleSet {
         let mut missing = Self::default();
         other.difference_into(self, &mut missing);
         missing.is_empty()
+    }
+}
+
+/// The leaves of `ranges` that are in no hole, in order.
+struct Difference<'a> {
+    ranges: &'a [LeafRange],
+    holes: &'a [LeafRange],
+    /// Of the first range, what lies before this is done.
+    start: u32,
+}
+
+impl Iterator for Difference<'_> {
+    type Item = LeafRange;
+
+    fn next(&mut self) -> Option<LeafRange> {
+        while let Some(range) = self.ranges.first() {
+            let start = self.start.max(range.start);
+            while self.holes.first().is_some_and(|hole| hole.end <= start) {
+                self.holes = &self.holes[1..];
+            }
+            let hole = self.holes.first().filter(|hole| hole.start < range.end);
+            let found = LeafRange::new(start, hole.map_or(range.end, |hole| hole.start));
+            match hole {
+                Some(hole) if hole.end < range.end => self.start = hole.end,
+                _ => self.ranges = &self.ranges[1..],
+            }
+            if !found.is_empty() {
+                return Some(found);
+            }
+        }
+        None
     }
 }
 
@@ -240,11 +293,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn operations_match_sets_of_numbers(a in ranges(), b in ranges()) {
-            let (oracle_a, oracle_b) = (numbers(&a), numbers(&b));
-            let (a, b) = (VisibleSet::from_ranges(a), VisibleSet::from_ranges(b));
+        fn operations_match_sets_of_numbers(a in ranges(), b in ranges(), c in ranges()) {
+            let (oracle_a, oracle_b, oracle_c) = (numbers(&a), numbers(&b), numbers(&c));
+            let [a, b, c] = [a, b, c].map(VisibleSet::from_ranges);
             let mut out = VisibleSet::default();
-            for set in [&a, &b] {
+            for set in [&a, &b, &c] {
                 assert_valid(set);
             }
             prop_assert_eq!(a.leaves().collect::<BTreeSet<_>>(), oracle_a.clone());
@@ -260,6 +313,10 @@ mod tests {
             appended.append(&after);
             a.union_into(&after, &mut out);
             prop_assert_eq!(&appended, &out);
+
+            a.patch_into(&b, &c, &mut out);
+            assert_valid(&out);
+            prop_assert_eq!(out.leaves().collect::<BTreeSet<_>>(), &(&oracle_a - &oracle_b) | &oracle_c);
 
             a.difference_into(&b, &mut out);
             assert_valid(&out);

@@ -117,6 +117,14 @@ impl Culler {
         Ok(self)
     }
 
+    /// Whether [`Algorithm::Sweep`] uses temporal slack: a frame costs what has changed since the last one, in memory that
+    /// is kept of each node. Sets are the same.
+    #[must_use]
+    pub fn with_slack(mut self, is_used: bool) -> Self {
+        self.sweeper.set_slack(is_used);
+        self
+    }
+
     /// Finds what each view may see.
     ///
     /// `eyes` in room space (each in front of its screen, see `Wall::check_eye`) and `sets` are indexed by `ViewId`, one for each view of the wall; `world_from_room` is a

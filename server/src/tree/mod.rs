@@ -3,6 +3,7 @@
 mod wide;
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use mullion_common::scene::ObjectHierarchy;
 
@@ -15,18 +16,27 @@ pub use wide::{LANES, WideNode, WideTree};
 pub struct CullTree {
     hierarchy: Arc<ObjectHierarchy>,
     wide: Arc<WideTree>,
+    stamp: u64,
 }
+
+/// Stamps given so far.
+static STAMPS: AtomicU64 = AtomicU64::new(1);
 
 impl CullTree {
     /// The tree over a hierarchy.
     pub fn new(hierarchy: Arc<ObjectHierarchy>) -> Self {
         let wide = Arc::new(WideTree::new(&hierarchy));
-        Self { hierarchy, wide }
+        Self { hierarchy, wide, stamp: STAMPS.fetch_add(1, Ordering::Relaxed) }
     }
 
     /// The object hierarchy, which the paper's algorithms walk.
     pub fn hierarchy(&self) -> &ObjectHierarchy {
         &self.hierarchy
+    }
+
+    /// Never the same for two trees, nor for one before and after an edit.
+    pub(crate) fn stamp(&self) -> u64 {
+        self.stamp
     }
 
     /// Both forms, for a thread of its own.

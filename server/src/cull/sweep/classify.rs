@@ -246,7 +246,7 @@ pub(super) struct Found {
 pub(super) enum State {
     /// No view may see it.
     Unseen,
-    /// The views of these cells may see all of it.
+    /// All views in these slots may see all of it; there is one.
     Seen([u16; 4]),
     /// Its children are to be asked: with these slots, and these sides that may cut it.
     Open([u16; 4], u8),
@@ -266,16 +266,7 @@ impl Found {
         margins: &mut impl Margins<L>,
         stats: &mut CullStats,
     ) -> State {
-        let byte = |of: u64| (of >> (8 * lane)) as u8;
-        let [left, right, bottom, top] = slots;
-        // Both ends may leave out the same slots, and more than there are.
-        let mut slots = [
-            left + u16::from(byte(self.low[0])),
-            right - u16::from(byte(self.high[0])),
-            bottom + u16::from(byte(self.low[1])),
-            top - u16::from(byte(self.high[1])),
-        ];
-        let mask = byte(self.masks);
+        let (mut slots, mask) = self.slots(lane, slots);
         if slots[0] >= slots[1] || slots[2] >= slots[3] {
             return State::Unseen;
         }
@@ -295,7 +286,46 @@ impl Found {
         }
         let cells = lattice.cells(slots);
         let is_in_gap = cells[0] >= cells[1] || cells[2] >= cells[3];
-        if is_in_gap { State::Unseen } else { State::Seen(cells) }
+        if is_in_gap { State::Unseen } else { State::Seen(slots) }
+    }
+
+    /// Keeps what [`Found::state`] has found out of a lane.
+    pub(super) fn keep(&mut self, lane: usize, slots: [u16; 4], state: &State) {
+        match state {
+            State::Unseen => self.alive &= !(1 << lane),
+            State::Open(..) => {}
+            State::Seen(seen) => {
+                let set = |of: &mut u64, value: u16| *of = (*of & !(0xff << (8 * lane))) | (u64::from(value) << (8 * lane));
+                for axis in 0..2 {
+                    set(&mut self.low[axis], seen[axis * 2] - slots[axis * 2]);
+                    set(&mut self.high[axis], slots[axis * 2 + 1] - seen[axis * 2 + 1]);
+                }
+            }
+        }
+    }
+
+    /// Where a lane stands, after [`Found::keep`].
+    pub(super) fn kept_state(&self, lane: usize, slots: [u16; 4], node: &WideNode) -> State {
+        if self.alive & (1 << lane) == 0 {
+            return State::Unseen;
+        }
+        let (slots, mask) = self.slots(lane, slots);
+        let is_settled = mask == 0 && slots[1] - slots[0] == 1 && slots[3] - slots[2] == 1;
+        if is_settled || node.child[lane] & WideNode::LEAF != 0 { State::Seen(slots) } else { State::Open(slots, mask) }
+    }
+
+    /// The slots that a lane may meet, of `slots`, and the sides that may cut it.
+    #[inline(always)]
+    fn slots(&self, lane: usize, [left, right, bottom, top]: [u16; 4]) -> ([u16; 4], u8) {
+        let byte = |of: u64| (of >> (8 * lane)) as u8;
+        // Both ends may leave out the same slots, and more than there are.
+        let slots = [
+            left + u16::from(byte(self.low[0])),
+            right - u16::from(byte(self.high[0])),
+            bottom + u16::from(byte(self.low[1])),
+            top - u16::from(byte(self.high[1])),
+        ];
+        (slots, byte(self.masks))
     }
 }
 

@@ -95,8 +95,10 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
                 let leaves = node.leaves(lane, visit.leaves.end);
                 match found.state::<L>(lane, visit.slots, node, hierarchy, lattice, &mut (), &mut stats) {
                     State::Unseen => {}
-                    State::Seen(cells) if stack.len() == first_new => sink.emit(leaves, cells),
-                    State::Seen(cells) => stack.push(Visit { node: Visit::EMIT, leaves, slots: cells, mask: 0 }),
+                    State::Seen(slots) if stack.len() == first_new => sink.emit(leaves, lattice.cells(slots)),
+                    State::Seen(slots) => {
+                        stack.push(Visit { node: Visit::EMIT, leaves, slots: lattice.cells(slots), mask: 0 });
+                    }
                     State::Open(slots, mask) => {
                         let child = node.child[lane];
                         lanes.prefetch(&tree.nodes()[child as usize]);

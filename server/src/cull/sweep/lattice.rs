@@ -140,6 +140,28 @@ impl Lattice {
         }
     }
 
+    /// By how much, since it was placed as `before`, planes have moved at most where the eye is, metres, and turned,
+    /// radians; `None` where they are not the same planes.
+    pub(super) fn movement_since(&self, before: &Self) -> Option<(f64, f64)> {
+        let (now, before_at) = (&self.placed, &before.placed);
+        let is_same = self.views == before.views && (0..2).all(|axis| now.planes[axis].len() == before_at.planes[axis].len());
+        if !is_same {
+            return None;
+        }
+        let pairs = (0..2).flat_map(|axis| now.planes[axis].iter().zip(&before_at.planes[axis]));
+        let turned = pairs
+            .chain([(&now.near, &before_at.near)])
+            .map(|(now, before)| (now.normal - before.normal).length())
+            .fold(0.0, f64::max);
+        let moved_m = (now.eye - before_at.eye).length() + (now.near.offset_m - before_at.near.offset_m).abs();
+        Some((moved_m, turned))
+    }
+
+    /// The views, row by row from the bottom.
+    pub(super) fn views(&self) -> &[u16] {
+        &self.views
+    }
+
     /// The eye in the world.
     pub(super) fn eye(&self) -> DVec3 {
         self.placed.eye

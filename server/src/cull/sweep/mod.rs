@@ -11,6 +11,7 @@ mod helpers;
 mod kernel;
 mod lanes;
 mod lattice;
+mod slack;
 
 use glam::DAffine3;
 use mullion_common::geometry::Frustum;
@@ -21,6 +22,7 @@ use crate::tree::CullTree;
 use helpers::Helper;
 use kernel::{Memory, Sweep, ToSets, ToVisits, Visit};
 use lattice::Lattice;
+use slack::Slack;
 
 /// Scenes of fewer leaves are swept by one thread: waking another one would take longer.
 const MIN_LEAVES_TO_SHARE: u32 = 1 << 15;
@@ -35,6 +37,10 @@ pub(super) struct Sweeper {
     /// Of the last shared frame, for each lattice, how the work was spread over the leaves.
     balance: Vec<Balance>,
     parts: Vec<Visit>,
+    /// For each lattice, where slack is used.
+    slack: Option<Vec<Slack>>,
+    /// Of the tree last culled.
+    stamp: u64,
 }
 
 impl Sweeper {
@@ -42,7 +48,7 @@ impl Sweeper {
     pub(super) fn new(room: &[Frustum]) -> Self {
         let lattices = Lattice::of_views(room);
         let balance = vec![Balance::default(); lattices.len()];
-        Self { lattices, memory: Memory::default(), helpers: Vec::new(), balance, parts: Vec::new() }
+        Self { lattices, memory: Memory::default(), helpers: Vec::new(), balance, parts: Vec::new(), slack: None, stamp: 0 }
     }
 
     /// Sweeps large scenes on so many threads, the caller's among them.
@@ -57,12 +63,18 @@ impl Sweeper {
         Ok(())
     }
 
+    /// Uses temporal slack, or does not.
+    pub(super) fn set_slack(&mut self, is_used: bool) {
+        self.slack = is_used.then(|| self.lattices.iter().map(|_| Slack::new()).collect());
+    }
+
     /// Takes the views' new frusta in room space, after an eye has moved. Allocates only where views that shared an eye no
     /// longer do.
     pub(super) fn update(&mut self, room: &[Frustum]) {
         if !self.lattices.iter_mut().all(|lattice| lattice.update(room)) {
             self.lattices = Lattice::of_views(room);
             self.balance.resize(self.lattices.len(), Balance::default());
+            self.set_slack(self.slack.is_some());
         }
     }
 
@@ -70,9 +82,17 @@ impl Sweeper {
     pub(super) fn cull(&mut self, tree: &CullTree, world_from_room: &DAffine3, sets: &mut [VisibleSet]) -> CullStats {
         let mut stats = CullStats::default();
         let is_shared = !self.helpers.is_empty() && tree.wide().leaf_count() >= MIN_LEAVES_TO_SHARE;
+        if self.stamp != tree.stamp() {
+            self.stamp = tree.stamp();
+            self.slack.iter_mut().flatten().for_each(Slack::forget);
+        }
         for at in 0..self.lattices.len() {
             self.lattices[at].place(world_from_room);
-            if is_shared {
+            let slack = self.slack.as_mut().map(|slack| &mut slack[at]);
+            let updated = slack.and_then(|slack| slack.cull(tree.wide(), tree.hierarchy(), &self.lattices[at], sets));
+            if let Some(update) = updated {
+                stats += update;
+            } else if is_shared {
                 stats += self.cull_shared(at, tree, sets);
             } else {
                 let start = [Visit::all(tree.wide(), &self.lattices[at])];
