@@ -145,7 +145,7 @@ fn slack_changes_no_set() {
             assert_eq!(found, wanted, "{} step {step}", wall.name());
             pairs += wanted.iter().map(VisibleSet::len).sum::<u32>();
         }
-        assert!(pairs > 10_000, "{}: something is in view", wall.name());
+        assert!(pairs > 1000, "{}: something is in view", wall.name());
         // At rest, nothing is looked at but what lies within rounding of a plane.
         let (eyes, room) = pose(&wall, 119, seed as f64);
         let (wanted, all) = cull(&mut full, &tree, &wall, &eyes, &room);
