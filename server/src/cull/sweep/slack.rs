@@ -272,32 +272,29 @@ impl Kernel for Update<'_> {
             }
 
             let boxes = Boxes::of(lanes, node, offset, planes);
-            let mut margins = LeastMargins { least: lanes.splat(boxes.reach_m), last: lanes.splat(0.0), of_lane: [0.0; LANES], unseen: 0 };
+            let mut margins =
+                LeastMargins { least: lanes.splat(boxes.reach_m), last: lanes.splat(0.0), of_lane: [0.0; LANES], unseen: 0 };
             let mut found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut margins, &mut stats);
             let mut of_lane = margins.finish(lanes, found.alive, boxes.reach_m);
             let (was, was_slots) = (kept.found, kept.slots);
             let band = Travel::band(boxes.reach_m);
             let slots = visit.slots;
-            for lane in 0..LANES {
+            for (lane, margin_m) in of_lane.iter_mut().enumerate() {
                 let leaves = node.leaves(lane, visit.leaves.end);
                 kept.below[lane] = f32::INFINITY;
                 if leaves.is_empty() {
-                    of_lane[lane] = f32::INFINITY; // an unused lane
+                    *margin_m = f32::INFINITY; // an unused lane
                     continue;
                 }
                 let mut leaf_margin = LeafMargin { least_m: f64::INFINITY };
                 let bit = 1 << lane;
-                let old = if is_known {
-                    was.kept_state(lane, was_slots, node)
-                } else {
-                    State::Unseen
-                };
+                let old = if is_known { was.kept_state(lane, was_slots, node) } else { State::Unseen };
                 let new = if found.alive & bit != 0 {
                     found.state::<L>(lane, slots, node, hierarchy, lattice, &mut leaf_margin, &mut stats)
                 } else {
                     State::Unseen
                 };
-                of_lane[lane] = of_lane[lane].min((leaf_margin.least_m as f32).next_down());
+                *margin_m = margin_m.min((leaf_margin.least_m as f32).next_down());
                 found.keep(lane, slots, &new);
                 if old != new {
                     let opens = |state: &State| matches!(state, State::Open(..));
@@ -336,9 +333,8 @@ fn change(edits: &mut [Edits], lattice: &Lattice, leaves: LeafRange, old: &State
         State::Seen(slots) | State::Open(slots, _) => lattice.cells(*slots),
     };
     let come = if let State::Seen(slots) = new { lattice.cells(*slots) } else { [0; 4] };
-    let has = |cells: &[u16; 4], column: u16, row: u16| {
-        (cells[0]..cells[1]).contains(&column) && (cells[2]..cells[3]).contains(&row)
-    };
+    let has =
+        |cells: &[u16; 4], column: u16, row: u16| (cells[0]..cells[1]).contains(&column) && (cells[2]..cells[3]).contains(&row);
     // Leaves of an open node may be in any of its cells or in none.
     let was_whole = matches!(old, State::Seen(_));
     for_each_cell(&gone, |column, row| {
@@ -402,9 +398,9 @@ impl<L: Lanes> Margins<L> for LeastMargins<L> {
             return;
         }
         let last = lanes.to_array(self.last);
-        for lane in 0..LANES {
+        for (lane, (least, last)) in self.of_lane.iter_mut().zip(last).enumerate() {
             if unseen & (1 << lane) != 0 {
-                self.of_lane[lane] = self.of_lane[lane].max(last[lane]);
+                *least = least.max(last);
             }
         }
         self.unseen |= unseen;
