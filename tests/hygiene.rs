@@ -12,7 +12,7 @@ const MAX_FILE_LINES: usize = 700;
 const HOMES: [(&str, &str); 4] = [
     ("bincode", "common/src/wire"),
     ("wgpu", "client/src/gpu"),
-    ("obvhs", "server/src/prepare/regroup.rs"),
+    ("obvhs", "server/src/tree/regroup.rs"),
     ("winit", "client/src/output"),
 ];
 

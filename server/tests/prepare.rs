@@ -5,6 +5,7 @@ use std::collections::HashSet;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use mullion_common::scene::{GeometryChunk, NodeId, Package, PackageError};
+use mullion_common::visible_set::VisibleSet;
 use mullion_server::generate::{GeneratedScene, write_glb};
 use mullion_server::prepare::gltf::{SourceMesh, SourceNode, SourcePrimitive, SourceScene};
 use mullion_server::prepare::{self, PrepareOptions, prepare, statistics};
@@ -104,14 +105,19 @@ fn boxes_enclose_and_leaves_are_bounded() {
     ] {
         assert_encloses(&package);
         assert!(package.scene.manifest.leaves.iter().all(|leaf| (1..=most).contains(&leaf.triangle_count)));
-        // Objects' ranges: a child's lie within its parent's, and one object's pieces are one range.
+        // An object's ranges name the leaves that it or an object below it draws, whatever tree numbers them.
         let objects = &package.scene.objects;
-        for object in objects {
-            for range in &object.leaves {
-                let parent = object.parent.map(|p| &objects[p.0 as usize].leaves);
-                assert!(parent.is_none_or(|ranges| ranges.iter().any(|r| r.start <= range.start && range.end <= r.end)));
+        let mut below: Vec<HashSet<u32>> = vec![HashSet::new(); objects.len()];
+        for (leaf, record) in (0..).zip(&package.scene.manifest.leaves) {
+            let mut above = Some(record.object);
+            while let Some(object) = above {
+                below[object.0 as usize].insert(leaf);
+                above = objects[object.0 as usize].parent;
             }
-            assert!(object.leaves.len() <= 1, "a subtree of the file is one range of leaves");
+        }
+        for (object, leaves) in objects.iter().zip(below) {
+            assert_eq!(VisibleSet::from_ranges(object.leaves.clone()).ranges(), object.leaves, "sorted and merged");
+            assert_eq!(object.leaves.iter().flat_map(|r| r.start..r.end).collect::<HashSet<u32>>(), leaves);
         }
     }
 }
@@ -122,7 +128,8 @@ fn a_flat_file_gets_groups_and_instances_share_chunks() {
     let s = statistics(&package);
     assert_eq!((s.leaves, s.geometry_chunks, s.triangles_unique, s.triangles_instanced), (1000, 1, 2, 2000));
     assert!(s.average_branching <= 16.0 && s.depth > 3 && s.depth < 40, "{s:?}");
-    assert_eq!(s.inner_nodes_of_file, 1, "the parent; the empty node is an object without leaves");
+    assert_eq!((s.file_nodes, s.file_inner_nodes), (1001, 1), "the empty node is an object without leaves");
+    assert_eq!(s.file_branching, 1000.0);
     assert_eq!(s.objects, 1002);
     assert_eq!(package.scene.objects[1001].leaves, []);
 }

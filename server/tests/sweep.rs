@@ -27,7 +27,7 @@ fn hierarchy(mut boxes: Vec<Obb>, branching: usize) -> ObjectHierarchy {
             [only] => *only,
             _ => Obb::around(boxes.iter().flat_map(Obb::corners)).expect("boxes"),
         };
-        nodes.push(OhNode { bound, subtree_end: 0, leaves: LeafRange::new(*leaves, 0), object: None });
+        nodes.push(OhNode { bound, subtree_end: 0, leaves: LeafRange::new(*leaves, 0) });
         if boxes.len() == 1 {
             *leaves += 1;
         } else {

@@ -47,14 +47,20 @@ pub fn run(options: &Options) -> Result<()> {
 fn print_counts(file: &Path, s: &SceneStatistics) {
     say!("{}", file.display());
     say!(
-        "  nodes       {} ({} inner, {} of them nodes of the file; {} leaves)",
+        "  file        {} nodes with triangles ({} inner), average branching {:.2}; {} objects with instances",
+        s.file_nodes,
+        s.file_inner_nodes,
+        s.file_branching,
+        s.objects
+    );
+    say!(
+        "  cull tree   {} nodes ({} inner, {} leaves), average branching {:.2}, depth {}",
         s.nodes,
         s.inner_nodes,
-        s.inner_nodes_of_file,
-        s.leaves
+        s.leaves,
+        s.average_branching,
+        s.depth
     );
-    say!("  depth       {}, average branching {:.2}", s.depth, s.average_branching);
-    say!("  objects     {} (nodes of the file and instances)", s.objects);
     say!("  triangles   {} unique, {} with instances", s.triangles_unique, s.triangles_instanced);
     say!("  chunks      {} of geometry, {} of textures, {} bytes", s.geometry_chunks, s.texture_chunks, s.chunk_bytes);
     say!("  materials   {}", s.materials);

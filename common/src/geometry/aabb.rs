@@ -41,6 +41,12 @@ impl Aabb {
         self.max - self.min
     }
 
+    /// Half its surface, m²: what a ray, or the edge of a view, meets it by. Meaningless when empty.
+    pub fn half_area(&self) -> f64 {
+        let s = self.size();
+        s.x * s.y + s.y * s.z + s.z * s.x
+    }
+
     /// Its eight corners; bit 0 of the index chooses x, bit 1 y, bit 2 z.
     pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|i| {

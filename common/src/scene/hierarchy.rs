@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::ObjectId;
 use crate::geometry::Obb;
 use crate::visible_set::LeafRange;
 
@@ -20,8 +19,6 @@ pub struct OhNode {
     pub subtree_end: u32,
     /// The leaves below it, or the leaf that it is.
     pub leaves: LeafRange,
-    /// The object of the source file that this node stands for; `None` for a group made by preparation.
-    pub object: Option<ObjectId>,
 }
 
 /// The object hierarchy in depth-first order: a node's children follow it, a subtree is one range of nodes and one
@@ -122,6 +119,11 @@ impl ObjectHierarchy {
         })
     }
 
+    /// The nodes that are leaves, by leaf number.
+    pub fn leaf_nodes(&self) -> impl Iterator<Item = &OhNode> {
+        self.nodes.iter().zip(1..).filter(|(node, next)| node.subtree_end == *next).map(|(node, _)| node)
+    }
+
     /// Number of leaves.
     pub fn leaf_count(&self) -> u32 {
         self.nodes.first().map_or(0, |root| root.leaves.end)
@@ -150,7 +152,7 @@ mod tests {
 
     fn node(subtree_end: u32, start: u32, end: u32) -> OhNode {
         let bound = Obb::from(Aabb { min: DVec3::ZERO, max: DVec3::new(1.0, 2.0, 3.0) });
-        OhNode { bound, subtree_end, leaves: LeafRange::new(start, end), object: None }
+        OhNode { bound, subtree_end, leaves: LeafRange::new(start, end) }
     }
 
     #[test]

@@ -298,10 +298,6 @@ impl Package {
                 return inconsistent(format!("object {i} names leaves that are not there"));
             }
         }
-        let named = |node: &OhNode| node.object.is_none_or(|object| (object.0 as usize) < scene.objects.len());
-        if let Some(i) = scene.hierarchy.nodes().iter().position(|node| !named(node)) {
-            return inconsistent(format!("node {i} of the hierarchy names an object that is not there"));
-        }
         for (i, chunk) in scene.manifest.chunks.iter().enumerate() {
             if chunk.length as usize > MAX_CHUNK_BYTES {
                 return inconsistent(format!("chunk {i} has {} bytes, at most {MAX_CHUNK_BYTES} are allowed", chunk.length));

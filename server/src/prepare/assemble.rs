@@ -8,7 +8,7 @@ use glam::{DAffine3, Vec3};
 use mullion_common::geometry::{Obb, RELATIVE_SLACK};
 use mullion_common::scene::{
     AlphaMode, ChunkId, ChunkKind, Filter, GeometryChunk, LeafRecord, LeafSource, Material, MaterialId, Object, ObjectHierarchy,
-    ObjectId, Package, Scene, SceneManifest, Sources, TextureRef, Transform, Wrap,
+    ObjectId, OhNode, Package, Scene, SceneManifest, Sources, TextureRef, Transform, Wrap,
 };
 use mullion_common::visible_set::LeafRange;
 use rayon::prelude::*;
@@ -18,8 +18,9 @@ use super::divide::{Division, Piece, divide};
 use super::gltf::{self, SourceAlpha, SourceImage, SourceMesh, SourceScene};
 use super::hierarchy::{DraftId, HierarchyBuilder};
 use super::refine::{self, TooManyAdded};
-use super::regroup::Tree;
 use super::{PrepareError, PrepareOptions, Prepared, ProgressFn};
+use crate::tree::regroup::Tree;
+use crate::tree::{WideTree, hierarchy_over};
 
 /// Most leaves in a scene.
 const MAX_LEAVES: u64 = 1 << 28;
@@ -63,8 +64,8 @@ pub fn prepare(source: SourceScene, options: &PrepareOptions, progress: Progress
     let leaves = draft_leaves(&placed, &divided)?;
     let bounds = leaf_bounds(&leaves, &placed, &table, &chunks, progress);
     progress("building hierarchy", 0, 1);
-    let (oh_nodes, order) = build_hierarchy(&placed, &divided, &leaves, &bounds);
-    let hierarchy = Arc::new(ObjectHierarchy::new(oh_nodes).map_err(|e| package_error(e.into()))?);
+    let (hierarchy, order) = choose_hierarchy(file_hierarchy(&placed, &divided, &leaves, &bounds)?, &bounds)?;
+    let hierarchy = Arc::new(hierarchy);
 
     let leaf = |&draft: &u32| &leaves[draft as usize];
     let manifest = SceneManifest {
@@ -315,12 +316,28 @@ fn world_bound(positions: &[[f32; 3]], local: (Vec3, Vec3), world_from_local: &D
     bound.grown(offset_m * RELATIVE_SLACK)
 }
 
-fn build_hierarchy(
+/// A hierarchy, and the drafts of its leaves in order.
+type Numbered = (ObjectHierarchy, Vec<u32>);
+
+/// The tree that the cull will walk: as the file groups its objects, or built anew where that grouping would be visited more: by
+/// floor, by material, in chains.
+fn choose_hierarchy(of_file: Numbered, bounds: &[Obb]) -> Result<Numbered, PrepareError> {
+    let regrouped = numbered(hierarchy_over(bounds))?;
+    let cost_m2 = |(hierarchy, _): &Numbered| WideTree::new(hierarchy).cost_m2();
+    Ok(if cost_m2(&of_file) <= cost_m2(&regrouped) { of_file } else { regrouped })
+}
+
+fn numbered((nodes, order): (Vec<OhNode>, Vec<u32>)) -> Result<Numbered, PrepareError> {
+    Ok((ObjectHierarchy::new(nodes).map_err(|e| package_error(e.into()))?, order))
+}
+
+/// The hierarchy as the file groups its objects.
+fn file_hierarchy(
     placed: &[Placed],
     divided: &[DividedMesh],
     leaves: &[LeafDraft],
     bounds: &[Obb],
-) -> (Vec<mullion_common::scene::OhNode>, Vec<u32>) {
+) -> Result<Numbered, PrepareError> {
     let mut builder = HierarchyBuilder::default();
     let mut below: Vec<Vec<DraftId>> = (0..placed.len()).map(|_| Vec::new()).collect();
     let mut roots = Vec::new();
@@ -339,13 +356,13 @@ fn build_hierarchy(
         leaf_end = leaf_start;
         let mut children = std::mem::take(&mut below[id]);
         children.reverse(); // they came last to first
-        if let Some(node) = builder.object(ObjectId(id as u32), own, children) {
+        if let Some(node) = builder.object(own, children) {
             object.parent.map_or(&mut roots, |p| &mut below[p as usize]).push(node);
         }
     }
     roots.reverse();
     let root = builder.root(roots);
-    builder.finish(root)
+    numbered(builder.finish(root))
 }
 
 /// Objects with their names and the leaves of their subtrees.

@@ -1,13 +1,13 @@
 //! Divides meshes into leaves: a sloppy n-ary space partitioning (Bartz, Meißner, Hüttner 1999, section 3). Triangles
 //! go whole to one leaf by their barycentre, so that leaves may overlap and none is cut.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use mullion_common::geometry::Aabb;
 use mullion_common::scene::GeometryChunk;
 use rayon::prelude::*;
 
 use super::gltf::SourcePrimitive;
-use super::regroup::Tree;
+use crate::tree::regroup::{Tree, morton};
 
 /// Runs of the Morton order that make up a leaf at the least: more runs follow the surface-area heuristic more
 /// closely, fewer build faster.
@@ -71,7 +71,7 @@ fn group_triangles(primitive: &SourcePrimitive, triangle_count: u32, max_triangl
     let bounds =
         primitive.positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)));
     let size = (bounds.1.as_dvec3() - bounds.0.as_dvec3()).max_element().max(f64::MIN_POSITIVE);
-    let mut order: Vec<(u32, u32)> =
+    let mut order: Vec<(u64, u32)> =
         (0..triangle_count).into_par_iter().map(|t| (morton((barycentre(t) - bounds.0.as_dvec3()) / size), t)).collect();
     order.par_sort_unstable();
     let run = (max_triangles / RUNS_PER_LEAF).max(1) as usize;
@@ -99,18 +99,6 @@ fn group_triangles(primitive: &SourcePrimitive, triangle_count: u32, max_triangl
         at = node.subtree_end as usize;
     }
     groups
-}
-
-/// 30-bit Morton code of a point in the unit cube.
-pub(super) fn morton(p: DVec3) -> u32 {
-    let spread = |v: f64| {
-        let mut x = (v * 1024.0).clamp(0.0, 1023.0) as u32;
-        x = (x | (x << 16)) & 0x0300_00ff;
-        x = (x | (x << 8)) & 0x0300_f00f;
-        x = (x | (x << 4)) & 0x030c_30c3;
-        (x | (x << 2)) & 0x0924_9249
-    };
-    spread(p.x) | (spread(p.y) << 1) | (spread(p.z) << 2)
 }
 
 /// The geometry of some triangles, with the vertices that they use in ascending order.

@@ -1,12 +1,12 @@
-//! Builds the object hierarchy (Nirnimesh, Harish, Narayanan 2006, Algorithm 1): a node for each node of the file, and
-//! groups between them where a node has many children.
+//! Builds the object hierarchy as the file groups it (Nirnimesh, Harish, Narayanan 2006, Algorithm 1): a node for each node of
+//! the file, and groups between them where a node has many children.
 
 use glam::DVec3;
 use mullion_common::geometry::{Aabb, Obb};
-use mullion_common::scene::{ObjectId, OhNode};
+use mullion_common::scene::OhNode;
 use mullion_common::visible_set::LeafRange;
 
-use super::regroup::{Tree, TreeNode};
+use crate::tree::regroup::{Tree, TreeNode};
 
 /// A node with more children than this gets groups between it and them.
 const MAX_CHILDREN: usize = 16;
@@ -18,7 +18,6 @@ pub(super) struct DraftId(u32);
 #[derive(Clone, Debug)]
 struct Draft {
     bound: Obb,
-    object: Option<ObjectId>,
     content: Content,
 }
 
@@ -37,7 +36,7 @@ pub(super) struct HierarchyBuilder {
 impl HierarchyBuilder {
     /// Adds a leaf. `leaf` is the caller's number for it.
     pub fn leaf(&mut self, leaf: u32, bound: Obb) -> DraftId {
-        self.add(Draft { bound, object: None, content: Content::Leaf(leaf) })
+        self.add(Draft { bound, content: Content::Leaf(leaf) })
     }
 
     /// Adds nodes as `tree` has them over `items`; gives the root of it. The tree must have nodes.
@@ -49,7 +48,7 @@ impl HierarchyBuilder {
                 Some(item) => items[item as usize],
                 None => {
                     let (first, second) = (built.pop(), built.pop());
-                    self.group(first.into_iter().chain(second).collect(), None)
+                    self.group(first.into_iter().chain(second).collect())
                 }
             };
             built.push(id);
@@ -60,17 +59,13 @@ impl HierarchyBuilder {
     /// Adds the node of an object over its own leaves and its children; `None` where there are neither.
     ///
     /// An object that is just one leaf of its own *is* that leaf.
-    pub fn object(&mut self, object: ObjectId, own: Vec<DraftId>, below: Vec<DraftId>) -> Option<DraftId> {
+    pub fn object(&mut self, own: Vec<DraftId>, below: Vec<DraftId>) -> Option<DraftId> {
         if let ([only], []) = (own.as_slice(), below.as_slice()) {
-            let draft = &mut self.drafts[only.0 as usize];
-            if draft.object.is_none() {
-                draft.object = Some(object);
-                return Some(*only);
-            }
+            return Some(*only);
         }
         let mut children = own;
         children.extend(below);
-        (!children.is_empty()).then(|| self.regrouped(children, Some(object)))
+        (!children.is_empty()).then(|| self.regrouped(children))
     }
 
     /// Adds a root over all that have no parent.
@@ -78,7 +73,7 @@ impl HierarchyBuilder {
         match roots.as_slice() {
             [] => None,
             [only] => Some(*only),
-            _ => Some(self.regrouped(roots, None)),
+            _ => Some(self.regrouped(roots)),
         }
     }
 
@@ -96,12 +91,7 @@ impl HierarchyBuilder {
                     let draft = &self.drafts[id.0 as usize];
                     steps.push(Step::Leave(nodes.len()));
                     let start = leaves.len() as u32;
-                    nodes.push(OhNode {
-                        bound: draft.bound,
-                        subtree_end: 0,
-                        leaves: LeafRange::new(start, start),
-                        object: draft.object,
-                    });
+                    nodes.push(OhNode { bound: draft.bound, subtree_end: 0, leaves: LeafRange::new(start, start) });
                     match &draft.content {
                         Content::Leaf(leaf) => leaves.push(*leaf),
                         Content::Children(children) => steps.extend(children.iter().rev().map(|c| Step::Enter(*c))),
@@ -116,20 +106,18 @@ impl HierarchyBuilder {
         (nodes, leaves)
     }
 
-    fn regrouped(&mut self, children: Vec<DraftId>, object: Option<ObjectId>) -> DraftId {
+    fn regrouped(&mut self, children: Vec<DraftId>) -> DraftId {
         if children.len() <= MAX_CHILDREN {
-            return self.group(children, object);
+            return self.group(children);
         }
         let boxes: Vec<Aabb> = children.iter().map(|c| self.drafts[c.0 as usize].bound.aabb()).collect();
-        let top = self.tree(&Tree::over(&boxes).nodes, &children);
-        self.drafts[top.0 as usize].object = object;
-        top
+        self.tree(&Tree::over(&boxes).nodes, &children)
     }
 
-    fn group(&mut self, children: Vec<DraftId>, object: Option<ObjectId>) -> DraftId {
+    fn group(&mut self, children: Vec<DraftId>) -> DraftId {
         let corners = || children.iter().flat_map(|c| self.drafts[c.0 as usize].bound.corners());
         let bound = Obb::around(corners()).unwrap_or(Obb::from(Aabb { min: DVec3::ZERO, max: DVec3::ZERO }));
-        self.add(Draft { bound, object, content: Content::Children(children) })
+        self.add(Draft { bound, content: Content::Children(children) })
     }
 
     fn add(&mut self, draft: Draft) -> DraftId {

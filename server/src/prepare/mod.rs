@@ -14,7 +14,6 @@ mod divide;
 pub mod gltf;
 mod hierarchy;
 mod refine;
-mod regroup;
 mod statistics;
 
 pub use assemble::prepare;

@@ -3,8 +3,10 @@
 use std::collections::HashSet;
 
 use mullion_common::geometry::Aabb;
-use mullion_common::scene::{ChunkKind, Package};
+use mullion_common::scene::{ChunkKind, ObjectHierarchy, Package};
 use serde::Serialize;
+
+use crate::tree::FileTree;
 
 /// Counts of a prepared scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -15,8 +17,12 @@ pub struct SceneStatistics {
     pub nodes: u64,
     /// Nodes that have children.
     pub inner_nodes: u64,
-    /// Inner nodes that stand for a node of the file; the others are groups made by preparation.
-    pub inner_nodes_of_file: u64,
+    /// Nodes of the file that have leaves below them, leaves among them.
+    pub file_nodes: u64,
+    /// Those of them that have children.
+    pub file_inner_nodes: u64,
+    /// Mean number of children of one that has some.
+    pub file_branching: f64,
     /// Leaves.
     pub leaves: u64,
     /// Longest path from the root, in nodes.
@@ -44,19 +50,22 @@ pub fn statistics(package: &Package) -> SceneStatistics {
     let scene = &package.scene;
     let manifest = &scene.manifest;
     let nodes = scene.hierarchy.nodes();
-    let inner = nodes.iter().enumerate().filter(|(i, n)| n.subtree_end as usize > i + 1);
-    let inner_nodes = inner.clone().count() as u64;
+    let inner_of = |tree: &ObjectHierarchy| (tree.nodes().len() - tree.leaf_count() as usize) as u64;
+    let branching_of = |tree: &ObjectHierarchy| (tree.nodes().len().saturating_sub(1)) as f64 / inner_of(tree).max(1) as f64;
+    let file = FileTree::of(scene).hierarchy;
     let chunks_of = |kind: ChunkKind| manifest.chunks.iter().filter(|c| c.kind() == Some(kind)).count() as u64;
     let mut counted = HashSet::new();
     let unique = manifest.leaves.iter().filter(|leaf| counted.insert(leaf.chunk));
     SceneStatistics {
         objects: scene.objects.len() as u64,
         nodes: nodes.len() as u64,
-        inner_nodes,
-        inner_nodes_of_file: inner.filter(|(_, n)| n.object.is_some()).count() as u64,
+        inner_nodes: inner_of(&scene.hierarchy),
+        file_nodes: file.nodes().len() as u64,
+        file_inner_nodes: inner_of(&file),
+        file_branching: branching_of(&file),
         leaves: manifest.leaves.len() as u64,
         depth: scene.hierarchy.depth(),
-        average_branching: if inner_nodes == 0 { 0.0 } else { (nodes.len() - 1) as f64 / inner_nodes as f64 },
+        average_branching: branching_of(&scene.hierarchy),
         triangles_unique: unique.map(|leaf| u64::from(leaf.triangle_count)).sum(),
         triangles_instanced: manifest.leaves.iter().map(|leaf| u64::from(leaf.triangle_count)).sum(),
         materials: manifest.materials.len() as u64,
@@ -71,7 +80,7 @@ pub fn statistics(package: &Package) -> SceneStatistics {
 /// are not turned.
 pub fn scene_bounds(package: &Package) -> Option<Aabb> {
     let scene = &package.scene;
-    let leaf_bounds = scene.hierarchy.nodes().iter().filter(|n| n.leaves.len() == 1).map(|n| n.bound.aabb());
+    let leaf_bounds = scene.hierarchy.leaf_nodes().map(|n| n.bound.aabb());
     let mut all = Aabb::EMPTY;
     let mut fitted = Aabb::EMPTY;
     for (leaf, bound) in scene.manifest.leaves.iter().zip(leaf_bounds) {

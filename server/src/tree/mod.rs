@@ -1,5 +1,8 @@
 //! The trees that the cull walks.
 
+mod build;
+mod file;
+pub(crate) mod regroup;
 mod wide;
 
 use std::sync::Arc;
@@ -7,6 +10,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use mullion_common::scene::ObjectHierarchy;
 
+pub(crate) use build::hierarchy_over;
+pub use file::FileTree;
 pub use wide::{LANES, WideNode, WideTree};
 
 /// The object hierarchy in every form that an algorithm walks.

@@ -80,6 +80,20 @@ impl WideNode {
         LeafRange::new(self.first_leaf[lane], next)
     }
 
+    /// The box of a lane relative to the tree's origin, metres; empty for an unused one.
+    pub fn lane_bound(&self, lane: usize) -> Aabb {
+        let at = |steps: &[[u8; LANES]; 3]| {
+            let axis = |axis: usize| f64::from(self.origin[axis]) + f64::from(steps[axis][lane]) * f64::from(self.step_m()[axis]);
+            DVec3::new(axis(0), axis(1), axis(2))
+        };
+        Aabb { min: at(&self.min), max: at(&self.max) }
+    }
+
+    /// The box around all lanes relative to the tree's origin, metres.
+    pub fn bound(&self) -> Aabb {
+        (0..LANES).map(|lane| self.lane_bound(lane)).filter(|b| !b.is_empty()).fold(Aabb::EMPTY, |all, b| all.union(&b))
+    }
+
     /// Length of a step along each axis, metres.
     pub fn step_m(&self) -> [f32; 3] {
         self.exponent.map(power_of_two)
@@ -168,6 +182,12 @@ impl WideTree {
         &self.nodes
     }
 
+    /// What a walk costs, for comparing trees over the same leaves: how often nodes are visited, as the sum of half their
+    /// boxes' surfaces, m².
+    pub fn cost_m2(&self) -> f64 {
+        self.nodes.iter().map(|node| node.bound().half_area()).sum()
+    }
+
     /// What the nodes' origins are relative to, metres.
     pub fn origin(&self) -> DVec3 {
         self.origin
@@ -182,7 +202,7 @@ impl WideTree {
 /// Whether an oriented box has so much less surface than the axis-aligned box around it that another test pays.
 fn is_worth_its_own_test(bound: &Obb) -> bool {
     const WORTH: f64 = 0.9;
-    bound.size_measure() < WORTH * half_area(&bound.aabb()) / 4.0
+    bound.size_measure() < WORTH * bound.aabb().half_area() / 4.0
 }
 
 /// The axis-aligned box of every node of the hierarchy, from its leaves' boxes up.
@@ -210,7 +230,7 @@ fn gather(hierarchy: &ObjectHierarchy, boxes: &[Aabb], run: Run, members: &mut V
             let is_leaf = run.end == run.first + 1;
             !is_leaf && members.len() - 1 + parts_of(hierarchy, *run, LANES) <= LANES
         };
-        let area = |run: &Run| half_area(&bound_of(hierarchy, boxes, *run));
+        let area = |run: &Run| bound_of(hierarchy, boxes, *run).half_area();
         let largest =
             (0..members.len()).filter(|i| fits(&members[*i])).max_by(|a, b| area(&members[*a]).total_cmp(&area(&members[*b])));
         let Some(at) = largest else {
@@ -255,9 +275,4 @@ fn bound_of(hierarchy: &ObjectHierarchy, boxes: &[Aabb], run: Run) -> Aabb {
         at = hierarchy.node(NodeId(at)).subtree_end;
     }
     all
-}
-
-fn half_area(b: &Aabb) -> f64 {
-    let s = b.size();
-    s.x * s.y + s.y * s.z + s.z * s.x
 }

@@ -3,12 +3,11 @@
 use std::collections::HashMap;
 use std::time::Duration;
 
+use glam::DVec3;
 use mullion_common::geometry::Aabb;
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::builder::build_bvh2;
 use rayon::prelude::*;
-
-use super::divide::morton;
 
 /// Boxes that obvhs sees at a time. It merges pairs of nearest neighbours, pass by pass: where boxes lie in one another
 /// without end it merges one pair a pass, and its time grows with the square of their number.
@@ -16,7 +15,7 @@ const RUN: usize = 1024;
 
 /// A node of a [`Tree`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct TreeNode {
+pub(crate) struct TreeNode {
     /// One past the last node of its subtree.
     pub subtree_end: u32,
     /// Items below it.
@@ -27,7 +26,7 @@ pub(super) struct TreeNode {
 
 /// A binary tree over items `0..n`, in depth-first order, one item a leaf.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Tree {
+pub(crate) struct Tree {
     pub nodes: Vec<TreeNode>,
 }
 
@@ -65,7 +64,7 @@ fn over_distinct(boxes: &[Aabb]) -> Tree {
         return ploc(boxes, &all);
     }
     let size = all.size().max_element().max(f64::MIN_POSITIVE);
-    let mut order: Vec<(u32, u32)> =
+    let mut order: Vec<(u64, u32)> =
         boxes.iter().zip(0..).map(|(b, item)| (morton((b.center() - all.min) / size), item)).collect();
     order.par_sort_unstable();
     let runs: Vec<(Aabb, Vec<TreeNode>)> = order
@@ -80,6 +79,20 @@ fn over_distinct(boxes: &[Aabb]) -> Tree {
         .collect();
     let (bounds, parts): (Vec<Aabb>, Vec<Vec<TreeNode>>) = runs.into_iter().unzip();
     spliced(&over_distinct(&bounds), &parts)
+}
+
+/// 63-bit Morton code of a point in the unit cube.
+pub(crate) fn morton(p: DVec3) -> u64 {
+    const CELLS: f64 = (1 << 21) as f64;
+    let spread = |v: f64| {
+        let mut x = (v * CELLS).clamp(0.0, CELLS - 1.0) as u64;
+        x = (x | (x << 32)) & 0x001f_0000_0000_ffff;
+        x = (x | (x << 16)) & 0x001f_0000_ff00_00ff;
+        x = (x | (x << 8)) & 0x100f_00f0_0f00_f00f;
+        x = (x | (x << 4)) & 0x10c3_0c30_c30c_30c3;
+        (x | (x << 2)) & 0x1249_2492_4924_9249
+    };
+    spread(p.x) | (spread(p.y) << 1) | (spread(p.z) << 2)
 }
 
 /// A balanced tree over some items, one or more.
@@ -166,7 +179,6 @@ fn ploc(boxes: &[Aabb], all: &Aabb) -> Tree {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
     use proptest::prelude::*;
 
     proptest! {
