@@ -11,10 +11,10 @@ use super::regroup::Tree;
 /// leaves in the order of their new numbers.
 ///
 /// An inner node's box is fitted around its children's boxes (Nirnimesh, Harish, Narayanan 2006, Algorithm 1).
-pub(crate) fn hierarchy_over(bounds: &[Obb]) -> (Vec<OhNode>, Vec<u32>) {
+pub fn hierarchy_over(bounds: &[Obb]) -> (Vec<OhNode>, Vec<u32>) {
     let boxes: Vec<Aabb> = bounds.iter().map(Obb::aabb).collect();
     let tree = Tree::over(&boxes);
-    let areas = areas(&tree, &boxes);
+    let collapse = Collapse::of(&tree, &boxes);
     drop(boxes);
     let (mut nodes, mut order): (Vec<OhNode>, Vec<u32>) = (Vec::new(), Vec::new());
     let mut open: Vec<Step> = if bounds.is_empty() { Vec::new() } else { vec![Step::Enter(0)] };
@@ -30,7 +30,7 @@ pub(crate) fn hierarchy_over(bounds: &[Obb]) -> (Vec<OhNode>, Vec<u32>) {
                 match item {
                     Some(item) => order.push(item),
                     None => {
-                        gather(&tree, &areas, at, &mut children);
+                        collapse.gather(at, &mut children);
                         open.push(Step::Leave(id));
                         open.extend(children.iter().rev().map(|child| Step::Enter(*child)));
                     }
@@ -61,39 +61,71 @@ pub(super) fn fitted(nodes: &[OhNode], id: usize) -> Obb {
     Obb::around(children().flat_map(Obb::corners)).unwrap_or(nodes[id].bound)
 }
 
-/// Half the surface of each node's axis-aligned box.
-fn areas(tree: &Tree, boxes: &[Aabb]) -> Vec<f32> {
-    let mut areas = vec![0.0; tree.nodes.len()];
-    // Backwards, children come before parents; the last two done are the ones next in order.
-    let mut done: Vec<Aabb> = Vec::new();
-    for (node, area) in tree.nodes.iter().zip(&mut areas).rev() {
-        let around = match node.item {
-            Some(item) => boxes[item as usize],
-            None => {
-                let (first, second) = (done.pop().unwrap_or(Aabb::EMPTY), done.pop().unwrap_or(Aabb::EMPTY));
-                first.union(&second)
-            }
-        };
-        *area = around.half_area() as f32;
-        done.push(around);
-    }
-    areas
+/// How a binary tree becomes one of up to [`LANES`] children a node, so that the nodes that remain are visited least
+/// (dynamic programming as Ylitie, Karras and Laine 2017, section 3.1, with another measure).
+///
+/// A node is visited where an edge of a tile cuts the one above it, and a plane meets boxes in proportion to their
+/// mean width, not to their surface.
+struct Collapse<'a> {
+    tree: &'a Tree,
+    /// Of each node, the least cost of what is below it, when at most 1, 2 … 7 nodes stand for it.
+    costs: Vec<[f32; LANES - 1]>,
 }
 
-/// The nodes that become the children of `at`: those below it, the largest opened first, in order.
-fn gather(tree: &Tree, areas: &[f32], at: u32, children: &mut Vec<u32>) {
-    children.clear();
-    children.push(at);
-    while children.len() < LANES {
-        let is_inner = |at: &u32| tree.nodes[*at as usize].item.is_none();
-        let largest = (0..children.len())
-            .filter(|i| is_inner(&children[*i]))
-            .max_by(|a, b| areas[children[*a] as usize].total_cmp(&areas[children[*b] as usize]));
-        let Some(largest) = largest else {
-            return;
-        };
-        let left = children[largest] + 1;
-        let right = tree.nodes[left as usize].subtree_end;
-        children.splice(largest..=largest, [left, right]);
+impl<'a> Collapse<'a> {
+    fn of(tree: &'a Tree, boxes: &[Aabb]) -> Self {
+        let mut collapse = Self { tree, costs: vec![[0.0; LANES - 1]; tree.nodes.len()] };
+        // Backwards, children come before parents; the last two done are the ones next in order.
+        let mut done: Vec<Aabb> = Vec::new();
+        for at in (0..tree.nodes.len()).rev() {
+            let around = match tree.nodes[at].item {
+                Some(item) => boxes[item as usize],
+                None => {
+                    let (first, second) = (done.pop().unwrap_or(Aabb::EMPTY), done.pop().unwrap_or(Aabb::EMPTY));
+                    let around = first.union(&second);
+                    let width = around.size().element_sum() as f32;
+                    let [left, right] = collapse.children(at as u32);
+                    let mut costs = [width + collapse.best_split(left, right, LANES).1; LANES - 1];
+                    for count in 2..LANES {
+                        costs[count - 1] = costs[count - 2].min(collapse.best_split(left, right, count).1);
+                    }
+                    collapse.costs[at] = costs;
+                    around
+                }
+            };
+            done.push(around);
+        }
+        collapse
+    }
+
+    fn children(&self, at: u32) -> [u32; 2] {
+        [at + 1, self.tree.nodes[at as usize + 1].subtree_end]
+    }
+
+    /// The least cost of two siblings that at most `count` nodes stand for, two or more, and how many of them stand for the
+    /// first.
+    fn best_split(&self, left: u32, right: u32, count: usize) -> (usize, f32) {
+        let cost = |node: u32, count: usize| self.costs[node as usize][count - 1];
+        let splits = (1..count).map(|first| (first, cost(left, first) + cost(right, count - first)));
+        splits.fold((1, f32::INFINITY), |best, split| if split.1 < best.1 { split } else { best })
+    }
+
+    /// The nodes that stand below `at`, in order.
+    fn gather(&self, at: u32, children: &mut Vec<u32>) {
+        children.clear();
+        let mut open = vec![(at, LANES)];
+        while let Some((node, count)) = open.pop() {
+            let is_one = node != at && {
+                let costs = &self.costs[node as usize];
+                self.tree.nodes[node as usize].item.is_some() || costs[count - 1] >= costs[0]
+            };
+            if is_one {
+                children.push(node);
+                continue;
+            }
+            let [left, right] = self.children(node);
+            let (first, _) = self.best_split(left, right, count);
+            open.extend([(right, count - first), (left, first)]);
+        }
     }
 }

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use mullion_common::scene::ObjectHierarchy;
 
-pub(crate) use build::hierarchy_over;
+pub use build::hierarchy_over;
 pub use file::FileTree;
 pub use wide::{LANES, WideNode, WideTree};
 
