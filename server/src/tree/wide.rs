@@ -24,7 +24,8 @@ pub struct WideNode {
     pub origin: [f32; 3],
     /// A step along each axis is two to this power, metres.
     pub exponent: [i8; 3],
-    unused: u8,
+    /// A bit for each lane that is a leaf.
+    pub leaf_lanes: u8,
     /// First leaf of each lane, `u32::MAX` in an unused one. A lane ends where the next one starts or the node ends.
     pub first_leaf: [u32; LANES],
     /// Below each lane: a wide node, or with [`WideNode::LEAF`] set the hierarchy's node of a leaf, with
@@ -53,7 +54,7 @@ impl WideNode {
             max: [[0; LANES]; 3],
             origin: [0.0; 3],
             exponent: [0; 3],
-            unused: 0,
+            leaf_lanes: 0,
             first_leaf: [u32::MAX; LANES],
             child: [0; LANES],
         };
@@ -166,6 +167,7 @@ impl WideTree {
                 node.first_leaf[lane] = hierarchy.node(NodeId(member.first)).leaves.start;
                 if member.end == member.first + 1 {
                     let is_oriented = is_worth_its_own_test(&hierarchy.node(NodeId(member.first)).bound);
+                    node.leaf_lanes |= 1 << lane;
                     node.child[lane] = WideNode::LEAF | member.first | if is_oriented { WideNode::ORIENTED } else { 0 };
                 } else {
                     open.push((*member, Some((id, lane))));

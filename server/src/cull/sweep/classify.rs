@@ -150,7 +150,7 @@ impl<L: Lanes> Boxes<L> {
         stats: &mut CullStats,
     ) -> Found {
         let LanePlanes { near, axes, negative: negatives } = planes;
-        let mut found = Found { alive: self.alive, low: [0; 2], high: [0; 2], masks: 0 };
+        let mut found = Found { alive: self.alive, settled: 0, low: [0; 2], high: [0; 2], masks: 0 };
         let mut tests = 0;
         if mask & NEAR != 0 {
             let (negative, positive) = self.sides(lanes, near, margins);
@@ -204,12 +204,13 @@ impl<L: Lanes> Boxes<L> {
         }
         stats.nodes_visited += u64::from(self.alive.count_ones());
         stats.plane_tests += tests * u64::from(self.alive.count_ones());
+        found.settled = found.find_settled(slots);
         found
     }
 }
 
-/// Most slots that one visit leaves out at either end: what a byte counts. The visits below leave out more.
-const MAX_LEFT_OUT: usize = 255;
+/// Most slots that one visit leaves out at either end: both together are what a byte counts. The visits below leave out more.
+const MAX_LEFT_OUT: usize = 127;
 
 /// A mask's bits as bytes, 0 or 1.
 const SPREAD: [u64; 256] = {
@@ -234,6 +235,8 @@ const SPREAD: [u64; 256] = {
 pub(super) struct Found {
     /// Lanes that may be seen.
     pub alive: u8,
+    /// Of these, the lanes that lie in one slot and are cut by nothing.
+    pub settled: u8,
     /// Slots left out at the low end of each axis, and at the high end.
     low: [u64; 2],
     high: [u64; 2],
@@ -267,12 +270,11 @@ impl Found {
         stats: &mut CullStats,
     ) -> State {
         let (mut slots, mask) = self.slots(lane, slots);
-        if slots[0] >= slots[1] || slots[2] >= slots[3] {
-            return State::Unseen;
-        }
-        let child = node.child[lane];
-        let is_settled = mask == 0 && slots[1] - slots[0] == 1 && slots[3] - slots[2] == 1;
-        if !is_settled {
+        if self.settled & (1 << lane) == 0 {
+            if slots[0] >= slots[1] || slots[2] >= slots[3] {
+                return State::Unseen;
+            }
+            let child = node.child[lane];
             if child & WideNode::LEAF == 0 {
                 return State::Open(slots, mask);
             }
@@ -287,6 +289,36 @@ impl Found {
         let cells = lattice.cells(slots);
         let is_in_gap = cells[0] >= cells[1] || cells[2] >= cells[3];
         if is_in_gap { State::Unseen } else { State::Seen(slots) }
+    }
+
+    /// The lanes that lie in one slot and are cut by nothing: bytes side by side, all lanes at once.
+    #[inline(always)]
+    fn find_settled(&self, [left, right, bottom, top]: [u16; 4]) -> u8 {
+        const ONES: u64 = 0x0101_0101_0101_0101;
+        let [across, up] = [right - left, top - bottom];
+        if across > MAX_LEFT_OUT as u16 + 1 || up > MAX_LEFT_OUT as u16 + 1 {
+            return 0; // does not fit a byte; the visits below will
+        }
+        // Zero in a lane that leaves out all slots but one, on both axes, and has no side that may cut it. Left out at either end
+        // are at most as many as there are planes between slots: bytes do not run into one another.
+        let rest = |axis: usize, slots: u16| (self.low[axis] + self.high[axis]) ^ (u64::from(slots - 1) * ONES);
+        zero_bytes(rest(0, across) | rest(1, up) | self.masks)
+    }
+
+    /// The settled lanes that lie in the slot of the lane before them.
+    #[inline(always)]
+    pub(super) fn follows(&self) -> u8 {
+        let differs = (self.low[0] ^ (self.low[0] << 8)) | (self.low[1] ^ (self.low[1] << 8));
+        let both_settled = self.settled & (self.settled << 1);
+        zero_bytes(differs) & both_settled
+    }
+
+    /// The one slot of a settled lane.
+    #[inline(always)]
+    pub(super) fn settled_slot(&self, lane: usize, [left, _, bottom, _]: [u16; 4]) -> [u16; 4] {
+        let byte = |of: u64| u16::from((of >> (8 * lane)) as u8);
+        let (column, row) = (left + byte(self.low[0]), bottom + byte(self.low[1]));
+        [column, column + 1, row, row + 1]
     }
 
     /// Keeps what [`Found::state`] has found out of a lane.
@@ -329,6 +361,15 @@ impl Found {
     }
 }
 
+/// A bit for every byte that is zero.
+#[inline(always)]
+fn zero_bytes(bytes: u64) -> u8 {
+    const SIGNS: u64 = 0x8080_8080_8080_8080;
+    let zeros = !(((bytes & !SIGNS) + !SIGNS) | bytes | !SIGNS);
+    // Gathers the bytes' high bits.
+    (zeros >> 7).wrapping_mul(0x0102_0408_1020_4080).to_be_bytes()[0]
+}
+
 /// The slots that a leaf's oriented box may meet, of those that its axis-aligned box may meet; none when no view sees it.
 #[inline(always)]
 fn refine<L: Lanes>(
@@ -356,29 +397,24 @@ fn refine<L: Lanes>(
     }
     let mut refined = [0; 4];
     for (axis, planes) in lattice.planes().into_iter().enumerate() {
-        let (mut low, mut high) = (slots[axis * 2], slots[axis * 2 + 1]);
+        let (low, high) = (slots[axis * 2], slots[axis * 2 + 1]);
         if mask & (LEFT << (2 * axis)) != 0 && side(&planes[usize::from(low)]) < 0 {
             return None;
         }
         if mask & (RIGHT << (2 * axis)) != 0 && side(&planes[usize::from(high)]) > 0 {
             return None;
         }
-        let mut is_before_next = false;
-        while low + 1 < high && !is_before_next {
-            match side(&planes[usize::from(low + 1)]) {
-                1 => low += 1,
-                -1 => is_before_next = true,
-                _ => break,
-            }
+        // As little as possible depends on what a test says: nobody can predict it.
+        let (mut first, mut end) = (low, low + 1);
+        let mut is_beyond = true;
+        for k in low + 1..high {
+            let side = side(&planes[usize::from(k)]);
+            is_beyond &= side > 0;
+            first += u16::from(is_beyond);
+            end = if side < 0 { end } else { k + 1 };
         }
-        while low + 2 < high && side(&planes[usize::from(high - 1)]) < 0 {
-            high -= 1;
-        }
-        if is_before_next && low + 2 == high {
-            high = low + 1;
-        }
-        refined[axis * 2] = low;
-        refined[axis * 2 + 1] = high;
+        refined[axis * 2] = first;
+        refined[axis * 2 + 1] = end;
     }
     Some(refined)
 }

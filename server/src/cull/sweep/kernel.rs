@@ -7,7 +7,7 @@ use super::classify::{ALL_SIDES, Boxes, LanePlanes, State};
 use super::lanes::{Kernel, Lanes};
 use super::lattice::Lattice;
 use crate::cull::CullStats;
-use crate::tree::WideTree;
+use crate::tree::{LANES, WideTree};
 
 /// A node to visit, or leaves to emit when those before them are done.
 #[derive(Clone, Copy, Debug)]
@@ -87,15 +87,35 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
             let node = &tree.nodes()[visit.node as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
             let found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut (), &mut stats);
-            let first_new = stack.len();
-            let mut alive = found.alive;
-            while alive != 0 {
-                let lane = alive.trailing_zeros() as usize;
-                alive &= alive - 1;
-                let leaves = node.leaves(lane, visit.leaves.end);
+            let end = visit.leaves.end;
+            // Before the first lane that is to be opened, leaves are emitted at once; from there on, things wait their turn.
+            let open = found.alive & !found.settled & !node.leaf_lanes;
+            let first_open = open.trailing_zeros().min(LANES as u32);
+            let follows = u32::from(found.follows());
+            let mut now = u32::from(found.alive) & ((1 << first_open) - 1);
+            while now != 0 {
+                let lane = now.trailing_zeros() as usize;
+                let mut run = 1;
+                if found.settled & (1 << lane) != 0 {
+                    run += (follows >> (lane + 1)).trailing_ones();
+                    let first = node.leaves(lane, end);
+                    let last = node.leaves(lane + run as usize - 1, end);
+                    let cells = lattice.cells(found.settled_slot(lane, visit.slots));
+                    sink.emit(LeafRange::new(first.start, last.end), cells);
+                } else if let State::Seen(slots) =
+                    found.state::<L>(lane, visit.slots, node, hierarchy, lattice, &mut (), &mut stats)
+                {
+                    sink.emit(node.leaves(lane, end), lattice.cells(slots));
+                }
+                now &= !(((1 << run) - 1) << lane);
+            }
+            let mut later = u32::from(found.alive) >> first_open << first_open;
+            while later != 0 {
+                let lane = later.ilog2() as usize;
+                later ^= 1 << lane;
+                let leaves = node.leaves(lane, end);
                 match found.state::<L>(lane, visit.slots, node, hierarchy, lattice, &mut (), &mut stats) {
                     State::Unseen => {}
-                    State::Seen(slots) if stack.len() == first_new => sink.emit(leaves, lattice.cells(slots)),
                     State::Seen(slots) => {
                         stack.push(Visit { node: Visit::EMIT, leaves, slots: lattice.cells(slots), mask: 0 });
                     }
@@ -106,7 +126,6 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
                     }
                 }
             }
-            stack[first_new..].reverse();
         }
         sink.finish();
         stats

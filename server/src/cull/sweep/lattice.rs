@@ -53,10 +53,37 @@ struct Axis {
     tangents: Vec<f64>,
     /// Of each column, its first and last edge; ascending.
     spans: Vec<[u16; 2]>,
+    slots: u16,
     /// Of each slot, the first column that covers it or lies after it.
-    first: Vec<u16>,
+    first: SlotTable,
     /// Of each slot, one past the last column that covers it or lies before it.
-    end: Vec<u16>,
+    end: SlotTable,
+}
+
+/// A column for each slot. As long as indices can be, so that no look-up is checked: several are made for each range found.
+#[derive(Clone, Debug)]
+struct SlotTable([u16; Self::SLOTS]);
+
+impl SlotTable {
+    /// More than a wall of 256 tiles in a row has with bezels: 511.
+    const SLOTS: usize = 512;
+
+    fn of(columns: impl Iterator<Item = u16>) -> Self {
+        let mut table = Self::default();
+        table.0.iter_mut().zip(columns).for_each(|(place, column)| *place = column);
+        table
+    }
+
+    #[inline(always)]
+    fn at(&self, slot: u16) -> u16 {
+        self.0[usize::from(slot) % Self::SLOTS]
+    }
+}
+
+impl Default for SlotTable {
+    fn default() -> Self {
+        Self([0; Self::SLOTS])
+    }
 }
 
 /// Tangents that differ by less are one edge: rounding, which the slack of the box tests covers.
@@ -179,19 +206,14 @@ impl Lattice {
 
     /// Slots across and up.
     pub(super) fn slots(&self) -> [u16; 2] {
-        [self.columns.first.len() as u16, self.rows.first.len() as u16]
+        [self.columns.slots, self.rows.slots]
     }
 
     /// First column, one past the last, first row and one past the last that cover a rectangle of slots; none where the
     /// first is not below the end.
     #[inline(always)]
     pub(super) fn cells(&self, [left, right, bottom, top]: [u16; 4]) -> [u16; 4] {
-        [
-            self.columns.first[usize::from(left)],
-            self.columns.end[usize::from(right - 1)],
-            self.rows.first[usize::from(bottom)],
-            self.rows.end[usize::from(top - 1)],
-        ]
+        [self.columns.first.at(left), self.columns.end.at(right - 1), self.rows.first.at(bottom), self.rows.end.at(top - 1)]
     }
 
     /// The views of a row, by column.
@@ -254,8 +276,8 @@ impl Axis {
         // Where one column lies within another, columns between the first and the last are taken along: conservative.
         let first = |slot: u16| spans.iter().take_while(|span| span[1] <= slot).count() as u16;
         let end = |slot: u16| spans.iter().take_while(|span| span[0] <= slot).count() as u16;
-        let (first, end) = (slots.clone().map(first).collect(), slots.map(end).collect());
-        Self { tangents, spans, first, end }
+        let (first, end) = (SlotTable::of(slots.clone().map(first)), SlotTable::of(slots.clone().map(end)));
+        Self { spans, slots: slots.end, first, end, tangents }
     }
 
     fn span_of(&self, edges: [f64; 2]) -> Option<usize> {
