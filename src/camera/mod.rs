@@ -1,9 +1,24 @@
-//! Where the room stands in the world: `world_from_room`, frame by frame.
+//! Where the room stands in the world: named walks through a scene, and camera paths from files.
 
-use glam::{DAffine3, DMat3, DVec3};
-use mullion_common::geometry::Aabb;
+mod flythrough;
+mod interior;
+mod orbit;
+mod pan;
+mod subject;
+mod whole;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow};
+use clap::ValueEnum;
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+use mullion_common::camera_path::{CameraPath, CameraPose, MAX_PATH_BYTES, MAX_PATH_FRAMES};
 use mullion_common::scene::Package;
 use mullion_common::wall::Wall;
+use mullion_server::prepare::bounded;
+
+pub use subject::Subject;
 
 /// Reads `X,Y,Z`.
 pub fn parse_point(text: &str) -> Result<DVec3, String> {
@@ -26,100 +41,142 @@ fn facing(back: DVec3) -> DMat3 {
     DMat3::from_cols(right, back.cross(right), back)
 }
 
-/// A walk round a scene that ends closer to it, with the whole of it in view at the start.
-pub struct Orbit {
-    center: DVec3,
-    size: DVec3,
-    radius_m: f64,
-    /// Metres of the world in a metre of the room: below 1 for scenes smaller than a person.
-    scale: f64,
-    eye_in_room: DVec3,
-    frames: u64,
+/// Walks that are made for a scene and a wall. The same scene and wall give the same walk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Walk {
+    /// Round the scene and closer to it, with the whole of it in view at the start.
+    Orbit,
+    /// Once round the scene, all of it in view of the wall at every frame.
+    Whole,
+    /// Through the scene at walking pace, at eye height.
+    Interior,
+    /// From outside through the middle of the scene and out again, fast.
+    Flythrough,
+    /// Standing in the scene, turning one degree a frame.
+    Pan,
 }
 
-impl Orbit {
-    /// A walk of so many frames round what fills most of the scene; a few far objects do not count.
-    pub fn new(package: &Package, wall: &Wall, frames: u64) -> Self {
-        let middle = populated_box(package);
-        let size = middle.size();
-        let radius_m = (size.length() * 0.5).max(1e-3);
-        Self {
-            center: middle.center(),
-            size,
-            radius_m,
-            scale: (radius_m / 2.0).min(1.0),
-            eye_in_room: wall.default_eyes().first().copied().unwrap_or_default(),
-            frames,
+impl Walk {
+    /// As users write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Orbit => "orbit",
+            Self::Whole => "whole",
+            Self::Interior => "interior",
+            Self::Flythrough => "flythrough",
+            Self::Pan => "pan",
         }
     }
 
-    /// What the walk goes round.
-    pub fn center(&self) -> DVec3 {
-        self.center
+    /// How long the walk is if nobody says.
+    fn default_frames(self, subject: &Subject, wall: &Wall) -> usize {
+        match self {
+            Self::Orbit => orbit::FRAMES,
+            Self::Whole => whole::FRAMES,
+            Self::Interior => interior::FRAMES,
+            Self::Flythrough => flythrough::frames(subject, wall.rate_hz()),
+            Self::Pan => pan::FRAMES,
+        }
     }
 
-    /// Width, height and depth of what fills most of the scene, metres.
-    pub fn size(&self) -> DVec3 {
-        self.size
-    }
-
-    /// Metres of the world in a metre of the room.
-    pub fn scale(&self) -> f64 {
-        self.scale
-    }
-
-    /// `world_from_room` at a frame; past the end the walk begins anew.
-    pub fn pose(&self, frame: u64) -> DAffine3 {
-        let last = self.frames.max(2) - 1;
-        self.at((frame % (last + 1)) as f64 / last as f64)
-    }
-
-    fn at(&self, share: f64) -> DAffine3 {
-        const START: f64 = -0.9;
-        const TURN: f64 = 0.9;
-        let mix = |from: f64, to: f64, share: f64| from + (to - from) * share;
-        // A city is walked into; a statue is walked round.
-        let flatness = self.size.y / self.size.x.max(self.size.z).max(f64::MIN_POSITIVE);
-        let compact = ((flatness - 0.2) / 0.2).clamp(0.0, 1.0);
-        let (first, last) = (mix(1.7, 4.2, compact), mix(0.95, 3.0, compact));
-        let distance_m = self.radius_m * mix(first, last, share);
-        let height_m = distance_m * mix(mix(0.47, 0.3, compact), mix(0.38, 0.2, compact), share);
-        let angle = START + TURN * share;
-        let eye = self.center + DVec3::new(angle.sin() * distance_m, height_m, angle.cos() * distance_m);
-        let matrix3 = facing((eye - self.center).normalize()) * self.scale;
-        DAffine3 { matrix3, translation: eye - matrix3 * self.eye_in_room }
+    /// The walk, of `frames` or its own number of them; at most [`MAX_PATH_FRAMES`].
+    ///
+    /// # Errors
+    /// For scenes so far out that no path leads there.
+    pub fn path(self, package: &Package, wall: &Wall, frames: Option<u64>) -> Result<CameraPath> {
+        let subject = Subject::of(package);
+        let frames = frames.map(|frames| usize::try_from(frames).unwrap_or(MAX_PATH_FRAMES));
+        let frames = frames.unwrap_or_else(|| self.default_frames(&subject, wall)).clamp(1, MAX_PATH_FRAMES);
+        let stands: Box<dyn Fn(usize) -> Stand> = match self {
+            Self::Orbit => Box::new(orbit::walk(&subject, frames)),
+            Self::Whole => Box::new(whole::walk(&subject, wall, frames)),
+            Self::Interior => Box::new(interior::walk(&subject, wall.rate_hz())),
+            Self::Flythrough => Box::new(flythrough::walk(&subject, frames)),
+            Self::Pan => Box::new(pan::walk(&subject)),
+        };
+        let eye_in_room = wall.default_eyes().first().copied().unwrap_or_default();
+        let poses = (0..frames).map(|frame| stands(frame).pose(subject.scale(), eye_in_room)).collect();
+        CameraPath::new(poses).with_context(|| format!("the walk {self}"))
     }
 }
 
-/// The box that holds the middle nine tenths of the leaves along each axis.
-fn populated_box(package: &Package) -> Aabb {
-    let bounds: Vec<Aabb> =
-        package.scene.hierarchy.nodes().iter().filter(|n| n.leaves.len() == 1).map(|n| n.bound.aabb()).collect();
-    if bounds.is_empty() {
-        return Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE };
+impl fmt::Display for Walk {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
-    let percentile = |share: f64, value: &dyn Fn(&Aabb) -> f64| {
-        let mut values: Vec<f64> = bounds.iter().map(value).collect();
-        values.sort_by(f64::total_cmp);
-        values[((values.len() - 1) as f64 * share).round() as usize]
-    };
-    let low = |axis: usize| percentile(0.05, &|b| b.min[axis]);
-    let high = |axis: usize| percentile(0.95, &|b| b.max[axis]);
-    let (min, max) = (DVec3::new(low(0), low(1), low(2)), DVec3::new(high(0), high(1), high(2)));
-    Aabb { min: min.min(max), max: max.max(min) }
+}
+
+/// Where the eye is in the world, and how the room is turned around it.
+struct Stand {
+    eye: DVec3,
+    rotation: DMat3,
+}
+
+impl Stand {
+    /// At `eye`, the room's −Z axis along `ahead`.
+    fn looking(eye: DVec3, ahead: DVec3) -> Self {
+        Self { eye, rotation: facing(-ahead.try_normalize().unwrap_or(DVec3::NEG_Z)) }
+    }
+
+    fn pose(&self, scale: f64, eye_in_room: DVec3) -> CameraPose {
+        let translation = self.eye - self.rotation * eye_in_room * scale;
+        let rotation = DQuat::from_mat3(&self.rotation).normalize();
+        // Of the two quaternions that turn alike always the same one.
+        CameraPose { translation, rotation: if rotation.w < 0.0 { -rotation } else { rotation }, scale }
+    }
+}
+
+/// What `--path` names.
+#[derive(Clone, Debug)]
+pub enum PathSource {
+    /// To be made for the scene.
+    Walk(Walk),
+    /// From a file.
+    File(PathBuf, CameraPath),
+}
+
+impl PathSource {
+    /// Takes the name of a walk, or reads a file; a file in this folder that is called like a walk comes first.
+    ///
+    /// # Errors
+    /// When it is neither, or the file holds no camera path.
+    pub fn open(choice: &str) -> Result<Self> {
+        let path = Path::new(choice);
+        match Walk::value_variants().iter().find(|walk| walk.name() == choice) {
+            Some(walk) if !path.exists() => Ok(Self::Walk(*walk)),
+            _ => open_path(path).map(|camera| Self::File(path.to_owned(), camera)),
+        }
+    }
+
+    /// The path for a scene and a wall: a walk of `frames` or its own number of them, or the file's.
+    ///
+    /// # Errors
+    /// As [`Walk::path`].
+    pub fn path(&self, package: &Package, wall: &Wall, frames: Option<u64>) -> Result<CameraPath> {
+        match self {
+            Self::Walk(walk) => walk.path(package, wall, frames),
+            Self::File(_, path) => Ok(path.clone()),
+        }
+    }
+}
+
+impl fmt::Display for PathSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Walk(walk) => walk.fmt(f),
+            Self::File(path, _) => path.display().fmt(f),
+        }
+    }
+}
+
+fn open_path(path: &Path) -> Result<CameraPath> {
+    let shown = path.display();
+    let names: Vec<&str> = Walk::value_variants().iter().map(|walk| walk.name()).collect();
+    let bytes = bounded::read(path, MAX_PATH_BYTES)
+        .with_context(|| format!("{shown}: is none of {}, and no file that can be read", names.join(", ")))?;
+    let text = String::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is no text: a camera path is UTF-8"))?;
+    CameraPath::parse(&text).map_err(|error| anyhow!("{shown}: {error}"))
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_room_faces_what_it_looks_at() {
-        let room = place_room(DVec3::new(1.0, 2.0, 3.0), Some(DVec3::new(4.0, 2.0, -1.0)));
-        let ahead = room.transform_vector3(DVec3::NEG_Z);
-        assert!((ahead - DVec3::new(0.6, 0.0, -0.8)).length() < 1e-12, "{ahead}");
-        assert!((room.transform_vector3(DVec3::Y) - DVec3::Y).length() < 1e-12);
-        assert!((room.matrix3.determinant() - 1.0).abs() < 1e-12, "not mirrored");
-        assert!(parse_point("1,2").is_err() && parse_point("1,2,x").is_err() && parse_point("1, -2, 3e2").is_ok());
-    }
-}
+mod tests;

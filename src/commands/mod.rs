@@ -4,6 +4,7 @@ pub mod cull;
 pub mod demo;
 pub mod generate;
 pub mod info;
+pub mod path;
 pub mod prepare;
 pub mod serve;
 pub mod tile;
