@@ -5,6 +5,7 @@ mod commands;
 mod composite;
 mod files;
 mod pixels;
+mod plot;
 mod progress;
 mod say;
 mod show;
@@ -40,6 +41,8 @@ enum Command {
     Cull(commands::cull::Options),
     /// Write a camera path for a scene.
     Path(commands::path::Options),
+    /// Measure on this machine: the papers' tables and figures.
+    Bench(commands::bench::Options),
     /// Prove on this machine that culling changes no picture.
     Verify(commands::verify::Options),
 }
@@ -74,6 +77,7 @@ fn main() -> ExitCode {
         Command::Info(options) => commands::info::run(&options),
         Command::Cull(options) => commands::cull::run(&options),
         Command::Path(options) => commands::path::run(&options),
+        Command::Bench(options) => commands::bench::run(&options),
         Command::Verify(options) => commands::verify::run(&options),
     };
     match result {

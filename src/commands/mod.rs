@@ -1,5 +1,6 @@
 //! One file a command: its options, and thin glue over the crates.
 
+pub mod bench;
 pub mod cull;
 pub mod demo;
 pub mod generate;
