@@ -31,7 +31,7 @@ const COLORS: [RGBColor; 8] = [
 pub enum Scale {
     /// From 0.
     Linear,
-    /// Over whole decades; values of 0 and below are left out.
+    /// At least a decade; values of 0 and below are left out.
     Log,
 }
 
@@ -103,8 +103,10 @@ fn on_y_axis(frame: &Frame<'_>, series: &[Series], chart: &dyn Fn(&Area<'_>, YRa
         Scale::Linear => YRange::Linear(0.0..if highest > 0.0 { highest * 1.1 } else { 1.0 }),
         Scale::Log if lowest > highest => YRange::Log(1.0..10.0), // no value is above 0
         Scale::Log => {
-            let bottom = lowest.log10().floor();
-            YRange::Log(10f64.powf(bottom)..10f64.powf(highest.log10().ceil().max(bottom + 1.0)))
+            let decade = |v: f64| 10f64.powf(v.log10().floor());
+            let bottom = (lowest / decade(lowest)).floor() * decade(lowest);
+            let top = (highest / decade(highest)).ceil() * decade(highest);
+            YRange::Log(bottom..top.max(bottom * 10.0))
         }
     };
     let mut svg = String::new();

@@ -9,6 +9,7 @@ const EYE_HEIGHT_M: f64 = 1.65;
 
 /// Where a scene is and where most of it is. All in the world, metres.
 pub struct Subject {
+    leaves: Vec<Aabb>,
     all: Aabb,
     populated: Aabb,
     core: Aabb,
@@ -21,10 +22,11 @@ impl Subject {
         let bounds: Vec<Aabb> = nodes.iter().filter(|n| n.leaves.len() == 1).map(|n| n.bound.aabb()).collect();
         if bounds.is_empty() {
             let nothing = Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE };
-            return Self { all: nothing, populated: nothing, core: nothing };
+            return Self { leaves: bounds, all: nothing, populated: nothing, core: nothing };
         }
         let all = bounds.iter().fold(Aabb::EMPTY, |all, bound| all.union(bound));
-        Self { all, populated: middle_share(&bounds, 0.9), core: middle_share(&bounds, 0.5) }
+        let [populated, core] = [0.9, 0.5].map(|share| middle_share(&bounds, share));
+        Self { leaves: bounds, all, populated, core }
     }
 
     /// The box around all leaves' bounds.
@@ -60,6 +62,12 @@ impl Subject {
     /// Height of the eyes of someone who stands on the floor of what fills most of the scene.
     pub fn eye_height_y(&self) -> f64 {
         self.populated.min.y + EYE_HEIGHT_M * self.scale()
+    }
+
+    /// The boxes of leaves that are as high and as low as that: what one may bump into.
+    pub fn at_eye_height(&self) -> impl Iterator<Item = &Aabb> {
+        let y = self.eye_height_y();
+        self.leaves.iter().filter(move |leaf| (leaf.min.y..=leaf.max.y).contains(&y))
     }
 }
 

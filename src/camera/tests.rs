@@ -136,6 +136,9 @@ fn someone_walks_through_the_scene_at_walking_pace() {
         let inside = eye.cmpge(subject.all().min) & eye.cmple(subject.all().max);
         assert!(inside.x && inside.z, "{eye} is beside the scene");
     }
+    let within = |eye: DVec3| subject.at_eye_height().any(|leaf| (eye.cmpge(leaf.min) & eye.cmple(leaf.max)).all());
+    assert!(eyes.iter().any(|(eye, _)| within(*eye)), "the round goes through things");
+    assert!(!eyes[..600].iter().any(|(eye, _)| within(*eye)), "but starts in the open");
     let floor = path.pose(77).transform_point3(DVec3::ZERO);
     assert!((floor.y - (subject.eye_height_y() - 1.65)).abs() < 1e-9, "the floor of the CAVE is on the scene's: {floor}");
 }
