@@ -13,8 +13,7 @@ const LEGEND_PX: u32 = 170;
 const FONT: &str = "sans-serif";
 /// Most points drawn of a series: about two a pixel.
 const MAX_POINTS: usize = 2000;
-/// Colours that people tell apart whatever they see of colour (Okabe, Ito 2008), and how many series a figure has at most
-/// before they begin anew.
+/// Colours that people tell apart whatever they see of colour (Okabe, Ito 2008); a ninth series begins anew.
 const COLORS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),

@@ -3,8 +3,8 @@
 //! ```text
 //! mullion-path 1
 //! # translation x y z (m), rotation x y z w, scale
-//! 12.5 1.65 -3 0 0 0 1 1
-//! 12.5 1.65 -3.0233 0 0 0 1 1
+//! 12.5 1.65 -3.0 0.0 0.0 0.0 1.0 1.0
+//! 12.5 1.65 -3.0233 0.0 0.0 0.0 1.0 1.0
 //! ```
 //! A line a frame: `world_from_room` as a translation in metres, a unit quaternion and a uniform scale, which is how many
 //! metres of the world a metre of the room covers. A similarity without mirroring, by its form. Empty lines and lines that
@@ -19,8 +19,11 @@ use thiserror::Error;
 pub const MAX_PATH_FRAMES: usize = 1_000_000;
 /// Most bytes of a path's file.
 pub const MAX_PATH_BYTES: u64 = 256 << 20;
+/// Most bytes of a number as it is written, with the space after it.
+const NUMBER_BYTES: u64 = 25;
+const _: () = assert!(MAX_PATH_FRAMES as u64 * FIELDS.len() as u64 * NUMBER_BYTES < MAX_PATH_BYTES);
 /// Greatest coordinate, metres.
-const MAX_COORDINATE_M: f64 = 1e9;
+const MAX_COORDINATE_M: f64 = 1e15;
 const SCALES: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 /// How far a quaternion's length may be from 1. People write four digits; what is off is taken off on use.
 const UNIT_TOLERANCE: f64 = 1e-3;
@@ -32,7 +35,7 @@ const FIELDS: [&str; 8] =
 /// Where the room stands in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPose {
-    /// Where the room's origin is in the world, metres; coordinates within ±1e9.
+    /// Where the room's origin is in the world, metres; coordinates within ±1e15.
     pub translation: DVec3,
     /// How the room is turned; of length 1 within 0.001.
     pub rotation: DQuat,
@@ -140,8 +143,9 @@ impl fmt::Display for CameraPath {
         writeln!(f, "{HEADER}\n{COLUMNS}")?;
         for pose in &self.poses {
             let [first, rest @ ..] = pose.numbers();
-            write!(f, "{first}")?;
-            rest.iter().try_for_each(|number| write!(f, " {number}"))?;
+            // `{:?}`, unlike `{}`, writes what is very small or large with an exponent.
+            write!(f, "{first:?}")?;
+            rest.iter().try_for_each(|number| write!(f, " {number:?}"))?;
             writeln!(f)?;
         }
         Ok(())
@@ -178,7 +182,7 @@ mod tests {
     const FRAME: &str = "1 -2 3.5 0 0.6 0 0.8 0.25";
 
     fn pose() -> impl Strategy<Value = CameraPose> {
-        let coordinate = || prop_oneof![-MAX_COORDINATE_M..=MAX_COORDINATE_M, -1.0..1.0f64, Just(f64::MIN_POSITIVE), Just(-0.0)];
+        let coordinate = || prop_oneof![-MAX_COORDINATE_M..=MAX_COORDINATE_M, -1.0..1.0f64, Just(-f64::MIN_POSITIVE), Just(-0.0)];
         let axis = (-1.0..1.0f64, -1.0..1.0f64, 0.01..1.0f64);
         let place = (coordinate(), coordinate(), coordinate());
         (place, axis, -6.3..6.3f64, 1.0 - 9e-4..1.0 + 9e-4f64, SCALES).prop_map(|(at, axis, angle, length, scale)| CameraPose {
@@ -194,6 +198,7 @@ mod tests {
             let bits = |path: &CameraPath| path.poses.iter().map(|p| p.numbers().map(f64::to_bits)).collect::<Vec<_>>();
             let path = CameraPath::new(poses).expect("they are in range");
             let text = path.to_string();
+            prop_assert!(text.split([' ', '\n']).skip_while(|word| *word != "scale").all(|word| word.len() < NUMBER_BYTES as usize));
             let read = CameraPath::parse(&text).expect("it was written by us");
             prop_assert_eq!(bits(&read), bits(&path));
             prop_assert_eq!(read.to_string(), text);
@@ -236,7 +241,7 @@ mod tests {
             (format!("{HEADER}\n{FRAME} 9\n"), "line 2: \"9\" stands after the 8 numbers of a frame"),
             (format!("{HEADER}\n1 nan 3 0 0 0 1 1\n"), "line 2: translation y: \"nan\" is no finite number"),
             (format!("{HEADER}\n1 2 1e999 0 0 0 1 1\n"), "line 2: translation z: \"1e999\" is no finite number"),
-            (format!("{HEADER}\n1 2 2e9 0 0 0 1 1\n"), "line 2: translation z: 2000000000 is outside -1e9 to 1e9 m"),
+            (format!("{HEADER}\n1 2 2e15 0 0 0 1 1\n"), "line 2: translation z: 2000000000000000 is outside -1e15 to 1e15 m"),
             (
                 format!("{HEADER}\n1 2 3 0 0 1 1 1\n"),
                 "line 2: rotation: the quaternion's length is 1.4142135623730951; it must be 1 within 0.001",

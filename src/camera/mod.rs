@@ -46,7 +46,7 @@ fn facing(back: DVec3) -> DMat3 {
 pub enum Walk {
     /// Round the scene and closer to it, with the whole of it in view at the start.
     Orbit,
-    /// Once round the scene, all of it in view of the wall at every frame.
+    /// Slowly round the scene, all of it in view of the wall at every frame.
     Whole,
     /// Through the scene at walking pace, at eye height.
     Interior,
@@ -89,7 +89,7 @@ impl Walk {
         let frames = frames.unwrap_or_else(|| self.default_frames(&subject, wall)).clamp(1, MAX_PATH_FRAMES);
         let stands: Box<dyn Fn(usize) -> Stand> = match self {
             Self::Orbit => Box::new(orbit::walk(&subject, frames)),
-            Self::Whole => Box::new(whole::walk(&subject, wall, frames)),
+            Self::Whole => Box::new(whole::walk(&subject, wall)),
             Self::Interior => Box::new(interior::walk(&subject, wall.rate_hz())),
             Self::Flythrough => Box::new(flythrough::walk(&subject, frames)),
             Self::Pan => Box::new(pan::walk(&subject)),
@@ -143,7 +143,7 @@ impl PathSource {
     pub fn open(choice: &str) -> Result<Self> {
         let path = Path::new(choice);
         match Walk::value_variants().iter().find(|walk| walk.name() == choice) {
-            Some(walk) if !path.exists() => Ok(Self::Walk(*walk)),
+            Some(walk) if !path.is_file() => Ok(Self::Walk(*walk)),
             _ => open_path(path).map(|camera| Self::File(path.to_owned(), camera)),
         }
     }

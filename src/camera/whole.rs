@@ -9,8 +9,8 @@ use mullion_common::wall::{Screen, Wall};
 
 use super::{Stand, Subject, facing};
 
-/// Length of the walk if nobody says: a degree and more in two frames.
-pub const FRAMES: usize = 600;
+/// Length of the walk if nobody says: once round, in a minute at 60 Hz.
+pub const FRAMES: usize = 3600;
 /// How high the eye stands over the middle of the scene, as an angle: 25°.
 const ELEVATION: f64 = 0.436;
 /// Further away than the scene needs, by this share: what fills the wall to its edge is not to hang on rounding.
@@ -18,9 +18,9 @@ const MARGIN: f64 = 0.01;
 /// Screens are one flat wall while their corners are this near to one plane, metres.
 const FLAT_WITHIN_M: f64 = 1e-3;
 
-/// Once round the scene in so many frames, at each frame as near as the box around all leaves' bounds allows: it is inside
+/// Slowly round the scene, a tenth of a degree a frame, at each frame as near as the box around all leaves' bounds allows: it is inside
 /// every side of [`outer_frustum`], seen from the wall's own eye.
-pub fn walk(subject: &Subject, wall: &Wall, frames: usize) -> impl Fn(usize) -> Stand + use<> {
+pub fn walk(subject: &Subject, wall: &Wall) -> impl Fn(usize) -> Stand + use<> {
     let eye_in_room = wall.default_eyes().first().copied().unwrap_or_default();
     let frustum = outer_frustum(wall, eye_in_room);
     let axis = frustum.rays.iter().map(|ray| ray.normalize()).sum::<DVec3>().normalize();
@@ -29,7 +29,7 @@ pub fn walk(subject: &Subject, wall: &Wall, frames: usize) -> impl Fn(usize) -> 
     let (all, scale) = (*subject.all(), subject.scale());
     let near_m = wall.near_m() * scale;
     move |frame| {
-        let angle = TAU * frame as f64 / frames as f64;
+        let angle = TAU * (frame % FRAMES) as f64 / FRAMES as f64;
         let back = DVec3::new(ELEVATION.cos() * angle.sin(), ELEVATION.sin(), ELEVATION.cos() * angle.cos());
         let rotation: DMat3 = facing(back) * towards_axis;
         let distance_to = |corner: DVec3, side: usize| {

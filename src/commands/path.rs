@@ -20,7 +20,7 @@ pub struct Options {
     scene: String,
     #[command(flatten)]
     wall: WallChoice,
-    /// Length of the walk; 10 to 20 seconds, depending on the walk, if left out.
+    /// Length of the walk; some seconds to a minute, depending on the walk, if left out.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     frames: Option<u64>,
     /// The file to write, a line a frame (`-` for standard output).

@@ -35,7 +35,7 @@ pub struct Options {
     /// Camera path: a file, or a walk made for the scene: orbit, whole, interior, flythrough, pan.
     #[arg(long, value_name = "NAME|FILE", default_value = "whole")]
     path: String,
-    /// Frames to measure; as many as the path has if left out.
+    /// Frames to measure; as many as the path has, but no more than 600, if left out.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=MAX_FRAMES))]
     frames: Option<u64>,
     /// Also run the sweep on so many threads, once for each number above 1.
@@ -57,8 +57,9 @@ pub struct Options {
     how: HowToPrepare,
 }
 
-/// Most frames of a run.
+/// Most frames of a run, and most if nobody says: ten seconds at 60 Hz.
 const MAX_FRAMES: u64 = 100_000;
+const DEFAULT_MAX_FRAMES: u64 = 600;
 
 /// All that was measured.
 #[derive(Serialize)]
@@ -112,7 +113,7 @@ fn measured(
 ) -> Result<Table> {
     let wall = grid_wall(grid)?;
     let path = source.path(package, &wall, frames)?;
-    let frames = frames.unwrap_or(path.poses().len() as u64).min(MAX_FRAMES);
+    let frames = frames.unwrap_or((path.poses().len() as u64).min(DEFAULT_MAX_FRAMES));
     let rows = measure(&Case { package, wall: &wall, path: &path, frames }, contestants)?;
     Ok(Table {
         scene: name.to_owned(),
