@@ -2,11 +2,12 @@
 
 use std::fs;
 use std::io::{ErrorKind, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow};
 use mullion_common::scene::Package;
 use mullion_common::wall::{Wall, WallConfig};
+use mullion_server::generate::{GeneratedScene, write_glb};
 use mullion_server::prepare::{self, PrepareOptions, bounded};
 use serde::Serialize;
 
@@ -22,6 +23,30 @@ pub fn open_scene(path: &Path, options: &PrepareOptions) -> Result<Package> {
         eprintln!("warning: {warning}");
     }
     Ok(prepared.package)
+}
+
+/// The file that was named, or that of a generated scene, which is written into `folder`.
+pub fn scene_file(scene: &str, folder: &Path) -> Result<PathBuf> {
+    const SEED: u64 = 1;
+    match scene.parse::<GeneratedScene>() {
+        Ok(generated) if !Path::new(scene).exists() => {
+            let path = folder.join(format!("{}.glb", file_name(scene)));
+            write_glb(generated, SEED, &path)?;
+            Ok(path)
+        }
+        _ => Ok(PathBuf::from(scene)),
+    }
+}
+
+/// Opens a scene file, or generates the scene of that name and prepares it.
+pub fn open_named_scene(scene: &str, options: &PrepareOptions) -> Result<Package> {
+    let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+    open_scene(&scene_file(scene, folder.path())?, options)
+}
+
+/// A name for a file: letters, digits, `-`, `_` and `.` stay, anything else becomes `-`.
+pub fn file_name(text: &str) -> String {
+    text.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' }).collect()
 }
 
 /// Reads and checks a wall file.
@@ -50,6 +75,11 @@ pub fn claim(path: &Path) -> Result<()> {
 pub fn write_json(value: &impl Serialize, path: &Path) -> Result<()> {
     let mut text = serde_json::to_string_pretty(value)?;
     text.push('\n');
+    write_text(&text, path)
+}
+
+/// Writes text to a file, or to standard output for `-`.
+pub fn write_text(text: &str, path: &Path) -> Result<()> {
     if is_standard_output(path) {
         return match std::io::stdout().lock().write_all(text.as_bytes()) {
             Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error).context("standard output"),

@@ -5,6 +5,7 @@ mod commands;
 mod composite;
 mod files;
 mod pixels;
+mod plot;
 mod progress;
 mod say;
 mod show;
@@ -38,6 +39,10 @@ enum Command {
     Info(commands::info::Options),
     /// Cull one frame without drawing, and write down what each tile may see.
     Cull(commands::cull::Options),
+    /// Write a camera path for a scene.
+    Path(commands::path::Options),
+    /// Measure on this machine: the papers' tables and figures.
+    Bench(commands::bench::Options),
     /// Prove on this machine that culling changes no picture.
     Verify(commands::verify::Options),
 }
@@ -71,6 +76,8 @@ fn main() -> ExitCode {
         Command::Prepare(options) => commands::prepare::run(&options),
         Command::Info(options) => commands::info::run(&options),
         Command::Cull(options) => commands::cull::run(&options),
+        Command::Path(options) => commands::path::run(&options),
+        Command::Bench(options) => commands::bench::run(&options),
         Command::Verify(options) => commands::verify::run(&options),
     };
     match result {

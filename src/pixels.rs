@@ -1,6 +1,7 @@
 //! Compares pictures: tiles drawn from visible sets with tiles drawn from everything, and the wall with one picture.
 
 use std::collections::HashSet;
+use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use mullion_server::cull::{Algorithm, Culler};
 use mullion_server::tree::CullTree;
 use serde::Serialize;
 
-use crate::camera::Orbit;
+use crate::camera::{Subject, Walk};
 
 /// Size of the wall in all grids: divisible by their columns and rows.
 const WALL_PX: [u32; 2] = [480, 288];
@@ -56,6 +57,12 @@ impl Grid {
             "[grid]\ncolumns = {columns}\nrows = {rows}\ntile_px = [{width}, {height}]\ntile_m = [{tile_w:?}, {tile_h:?}]\n"
         );
         WallConfig::parse(&text).map_err(|e| anyhow!("{e}"))
+    }
+}
+
+impl fmt::Display for Grid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{}", self.columns, self.rows)
     }
 }
 
@@ -111,7 +118,7 @@ pub fn verify(
 ) -> Result<SceneVerdict> {
     let leaves = package.scene.leaf_count();
     let whole_wall = Grid { columns: 1, rows: 1 }.wall()?;
-    let poses = poses(package, &whole_wall);
+    let poses = poses(package, &whole_wall)?;
     let mut verdict = SceneVerdict {
         scene: name.to_owned(),
         leaves,
@@ -168,30 +175,31 @@ pub fn verify(
 
 /// From outside with all in view, from close with the eye far off the wall's axis, from inside the scene, and from the
 /// middle of a leaf.
-fn poses(package: &Package, wall: &Wall) -> Vec<Pose> {
+fn poses(package: &Package, wall: &Wall) -> Result<Vec<Pose>> {
     let front = wall.default_eyes()[0];
     let aside = front + DVec3::new(2.9, -1.3, -3.0);
-    let orbit = Orbit::new(package, wall, 10);
+    let subject = Subject::of(package);
+    let orbit = Walk::Orbit.path(package, wall, Some(10))?;
     // The room turned and placed so that `eye` is at `stand` and sees `target` through the middle of the wall.
     let pose = |name, eye: DVec3, stand: DVec3, target: DVec3| {
         let ahead = (target - stand).try_normalize().unwrap_or(DVec3::X);
         let turn = DQuat::from_rotation_arc((-eye).normalize(), ahead);
-        let turned = DAffine3::from_scale_rotation_translation(DVec3::splat(orbit.scale()), turn, DVec3::ZERO);
+        let turned = DAffine3::from_scale_rotation_translation(DVec3::splat(subject.scale()), turn, DVec3::ZERO);
         Pose { name, eye, world_from_room: DAffine3 { translation: stand - turned.transform_point3(eye), ..turned } }
     };
     let start = orbit.pose(0);
     let near = orbit.pose(9).transform_point3(front);
     // Not the very middle, where symmetric models have planes that pass through the eye.
-    let inside = orbit.center() + orbit.size() * DVec3::new(0.07, 0.11, -0.05);
+    let inside = subject.center() + subject.size() * DVec3::new(0.07, 0.11, -0.05);
     let nodes = package.scene.hierarchy.nodes();
     let leaf = nodes.iter().filter(|n| n.leaves.len() == 1).nth(package.scene.leaf_count() as usize / 5);
-    let leaf = leaf.map_or(orbit.center(), |n| n.bound.center);
-    vec![
+    let leaf = leaf.map_or(subject.center(), |n| n.bound.center);
+    Ok(vec![
         Pose { name: "outside", eye: front, world_from_room: start },
-        pose("aside", aside, near, orbit.center()),
+        pose("aside", aside, near, subject.center()),
         pose("inside", front, inside, leaf),
-        pose("leaf", aside, leaf, orbit.center()),
-    ]
+        pose("leaf", aside, leaf, subject.center()),
+    ])
 }
 
 /// One scene on the GPU, all of it, with a target for the whole wall and one for a tile of each grid.

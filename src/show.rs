@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use mullion_common::camera_path::CameraPath;
 use mullion_common::scene::Package;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
@@ -14,19 +15,18 @@ use mullion_server::tree::CullTree;
 use serde::Serialize;
 use tokio::sync::watch;
 
-use crate::camera::Orbit;
 use crate::say::say;
 
 /// Frames whose times are kept for medians: the last ones.
 const FRAMES_KEPT: usize = 10_000;
 
-/// A camera that walks, with the wall's own eyes.
-pub fn camera(walk: Orbit, wall: &Wall) -> Camera {
+/// A camera on its path, with the wall's own eyes.
+pub fn camera(path: CameraPath, wall: &Wall) -> Camera {
     let eyes = wall.default_eyes();
     let rate_hz = wall.rate_hz();
     Box::new(move |frame| Pose {
         scene_time_s: frame as f64 / rate_hz,
-        world_from_room: walk.pose(frame),
+        world_from_room: path.pose(frame),
         eyes: eyes.clone(),
         moved: Vec::new(),
     })
@@ -140,8 +140,8 @@ impl Record {
             leaves: leaves.len() as u64,
             triangles: (0..leaves.len() as u32).map(triangles).sum(),
             frames: report.frames,
-            cull_us: Spread::of(&data.cull_us),
-            frame_ms: Spread::of(&data.frame_ms),
+            cull_us: Spread::of(data.cull_us.iter().copied()),
+            frame_ms: Spread::of(data.frame_ms.iter().copied()),
             frame_bytes: data.frame_bytes.iter().sum(),
             chunk_bytes: report.chunk_bytes,
             connections_refused: report.refused,
@@ -166,8 +166,9 @@ pub struct Spread {
 }
 
 impl Spread {
-    fn of(values: &VecDeque<f64>) -> Self {
-        let mut sorted: Vec<f64> = values.iter().copied().collect();
+    /// Of some values; zeros for none.
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
+        let mut sorted: Vec<f64> = values.into_iter().collect();
         sorted.sort_by(f64::total_cmp);
         let at = |share: f64| sorted.get(((sorted.len().max(1) - 1) as f64 * share).ceil() as usize).copied().unwrap_or(0.0);
         Self { median: at(0.5), p99: at(0.99), max: at(1.0) }

@@ -217,7 +217,36 @@ fn arguments_that_cannot_be() {
     refused(&["serve", &wall], &["SCENE"]);
     refused(&["prepare", &scene, "--out", &folder.path("x"), "--leaf-triangles", "0"], &["--leaf-triangles"]);
     refused(&["generate", "village", "--out", &folder.path("x.glb")], &["village", "city"]);
+    refused(&["path", "stroll", &scene, "--out", &folder.path("x")], &["stroll", "interior"]);
+    refused(&["bench", "cull", &scene, "--grid", "17x1"], &["--grid", "17x1"]);
+    refused(&["bench", "cull", &scene, "--frames", "0"], &["--frames"]);
+    refused(&["bench", "cull", &scene, "--algorithm", "oh,fast"], &["--algorithm", "fast", "sweep"]);
+    refused(&["bench", "cull", &scene, "--algorithm", "oh", "--slack"], &["--slack", "sweep"]);
+    refused(&["bench", "cull", &scene, "--scene", &scene], &["two scenes", "good"]);
+    refused(&["cull", &scene, "--wall", &wall, "--path", "pan", "--camera", "0,0,0"], &["--path", "--camera"]);
     refused(&["paint"], &["paint"]);
+}
+
+#[test]
+fn paths_with_mistakes() {
+    let folder = Folder::new();
+    let (scene, wall) = (folder.path("good.gltf"), folder.path("good.toml"));
+    let on_path = |path: &str, words: &[&str]| {
+        let mut all = vec!["--path", path];
+        all.extend(words);
+        refused(&["cull", &scene, "--wall", &wall, "--path", path], &all);
+        refused(&["bench", "cull", &scene, "--path", path], &all);
+        refused(&["serve", &wall, &scene, "--listen", "127.0.0.1:0", "--path", path], &all);
+        refused(&["demo", "--wall", &wall, "--out", &folder.path("demo"), "--scene", &scene, "--path", path], &all);
+        assert!(!Path::new(&folder.path("demo")).exists(), "nothing is left behind");
+    };
+    on_path("stroll", &["stroll", "orbit", "whole", "No such file"]);
+    on_path(&folder.path(""), &["directory"]);
+    on_path(&folder.write("binary.path", [0xff, 0xfe, 0, 1]), &["UTF-8"]);
+    on_path(&folder.write("prose.path", "go left\n"), &["line 1", "mullion-path 1"]);
+    on_path(&folder.write("empty.path", "mullion-path 1\n"), &["no frames", "1000000"]);
+    on_path(&folder.write("short.path", "mullion-path 1\n# one\n0 0 0 0 0 0 1\n"), &["line 3", "scale", "missing"]);
+    on_path(&folder.write("wild.path", "mullion-path 1\n0 0 inf 0 0 0 1 1\n"), &["line 2", "translation z", "inf"]);
 }
 
 #[test]
@@ -228,6 +257,9 @@ fn files_that_cannot_be_written() {
     refused(&["prepare", &scene, "--out", &below_file], &[&below_file]);
     refused(&["generate", "city", "--out", &below_file], &[&below_file]);
     refused(&["info", &scene, "--leaves", &below_file], &[&below_file]);
+    refused(&["path", "pan", &scene, "--out", &below_file], &[&below_file]);
+    refused(&["bench", "cull", &scene, "--json", &below_file], &[&below_file]);
+    refused(&["bench", "cull", &scene, "--plots", &below_file], &[&below_file]);
     refused(&["cull", &scene, "--wall", &wall, "--json", &below_file], &[&below_file]);
     refused(&["demo", "--scene", &scene, "--wall", &wall, "--out", &below_file], &[&below_file]);
     let serve = ["serve", &wall, &scene, "--listen", "127.0.0.1:0", "--frames", "1", "--report", &below_file];

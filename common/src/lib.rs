@@ -1,4 +1,5 @@
 //! Mullion's shared core. Pure: no sockets, no clock, no GPU.
+pub mod camera_path;
 pub mod geometry;
 pub mod scene;
 pub mod visible_set;

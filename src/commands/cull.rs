@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use glam::{DAffine3, DVec3};
 use mullion_common::scene::Package;
 use mullion_common::visible_set::VisibleSet;
@@ -14,7 +14,7 @@ use mullion_server::tree::CullTree;
 use serde::Serialize;
 
 use super::prepare::HowToPrepare;
-use crate::camera::{parse_point, place_room};
+use crate::camera::{PathSource, parse_point, place_room};
 use crate::files::{is_standard_output, open_scene, open_wall, write_json};
 use crate::say::say;
 
@@ -35,6 +35,12 @@ pub struct Options {
     /// A point of the scene that the room's -Z axis faces.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
     look_at: Option<DVec3>,
+    /// The room where a camera path has it: a file, or a walk made for the scene: orbit, whole, interior, flythrough, pan.
+    #[arg(long, value_name = "FILE|NAME", conflicts_with_all = ["camera", "look_at"])]
+    path: Option<String>,
+    /// Which frame of the path; past its end it begins anew.
+    #[arg(long, requires = "path", default_value_t = 0)]
+    frame: u64,
     /// adaptive, oh, fh, oh-plain, naive, or all of them one beside the other.
     #[arg(long, default_value = "adaptive")]
     algorithm: String,
@@ -97,8 +103,12 @@ pub fn run(options: &Options) -> Result<()> {
         }
         None => wall.default_eyes(),
     };
-    let world_from_room = place_room(options.camera.unwrap_or_default(), options.look_at);
+    let path = options.path.as_deref().map(PathSource::open).transpose().context("--path")?;
     let package = open_scene(&options.scene, &options.how.options()?)?;
+    let world_from_room = match &path {
+        Some(path) => path.path(&package, &wall, None)?.pose(options.frame),
+        None => place_room(options.camera.unwrap_or_default(), options.look_at),
+    };
     let runs = measure(&package, &wall, &eyes, &world_from_room, &algorithms, options.repeat, options.threads.into())?;
     let all = u64::from(package.scene.leaf_count()) * wall.views().len() as u64;
     let is_piped = options.json.as_deref().is_some_and(is_standard_output);

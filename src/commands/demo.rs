@@ -14,17 +14,17 @@ use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, Reconnect};
 use mullion_client::output::headless::write_png;
 use mullion_client::output::window::{Cover, Display, WindowOptions};
+use mullion_common::camera_path::CameraPath;
 use mullion_common::scene::Package;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_server::cull::Algorithm;
-use mullion_server::generate::{GeneratedScene, write_glb};
 use mullion_server::service::{self, Rate, Show, ShowOptions, ShowReport};
 use tokio::sync::watch;
 
 use super::prepare::HowToPrepare;
-use crate::camera::Orbit;
+use crate::camera::PathSource;
 use crate::composite::WallLayout;
-use crate::files::{open_scene, open_wall, write_json};
+use crate::files::{open_scene, open_wall, scene_file, write_json};
 use crate::pixels::Grid;
 use crate::progress::Progress;
 use crate::say::say;
@@ -33,16 +33,15 @@ use crate::show::{self, Record};
 /// Which wall, which scene, and where pictures go.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Columns and rows of the wall.
-    #[arg(long, value_name = "COLUMNSxROWS", default_value = "4x4", value_parser = Grid::parse, conflicts_with = "wall")]
-    grid: Grid,
-    /// A wall file instead of a grid.
-    #[arg(long, value_name = "FILE")]
-    wall: Option<PathBuf>,
+    #[command(flatten)]
+    wall: WallChoice,
     /// A glTF, GLB or package file, or the name of a generated scene: city.
     #[arg(long, value_name = "FILE|NAME", default_value = "city")]
     scene: String,
-    /// Length of the camera's walk.
+    /// Camera path: a file, or a walk made for the scene: orbit, whole, interior, flythrough, pan.
+    #[arg(long, value_name = "FILE|NAME", default_value = "orbit")]
+    path: String,
+    /// Length of the show, and of a walk made for the scene.
     #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     frames: u64,
     /// Folder for wall.png, tiles/*.png and report.json.
@@ -58,6 +57,27 @@ pub struct Options {
     how: HowToPrepare,
 }
 
+/// A wall, by its size or from a file.
+#[derive(clap::Args)]
+pub struct WallChoice {
+    /// Columns and rows of the wall.
+    #[arg(long, value_name = "COLUMNSxROWS", default_value = "4x4", value_parser = Grid::parse, conflicts_with = "wall")]
+    grid: Grid,
+    /// A wall file instead of a grid.
+    #[arg(long, value_name = "FILE")]
+    wall: Option<PathBuf>,
+}
+
+impl WallChoice {
+    /// The wall.
+    ///
+    /// # Errors
+    /// When the file is no wall.
+    pub fn open(&self) -> Result<Wall> {
+        self.wall.as_deref().map_or_else(|| grid_wall(self.grid), open_wall)
+    }
+}
+
 /// Software rendering may take long: a demo shows every frame on every tile.
 const BARRIER_WAIT: Duration = Duration::from_secs(20);
 const START_WAIT: Duration = Duration::from_secs(60);
@@ -67,11 +87,13 @@ const BEZEL_PX: u32 = 4;
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
-    let wall = Arc::new(options.wall.as_deref().map_or_else(|| grid_wall(options.grid), open_wall)?);
+    let wall = Arc::new(options.wall.open()?);
     let layout = WallLayout::new(&wall)?;
+    let path = PathSource::open(&options.path).context("--path")?;
     fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let scene = scene_file(&options.scene, &options.out)?;
     let package = Arc::new(open_scene(&scene, &options.how.options()?)?);
+    let path = path.path(&package, &wall, Some(options.frames))?;
     let display = options.window.then(Display::open).transpose()?;
     let gpu = Gpu::open(GpuOptions { display: display.as_ref().map(Display::handle) })?;
     say!("{} tiles on {}", wall.tiles().len(), gpu.describe());
@@ -81,7 +103,7 @@ pub fn run(options: &Options) -> Result<()> {
     let listener = TcpListener::bind(("127.0.0.1", 0)).context("cannot listen on the loopback")?;
     let address = listener.local_addr()?.to_string();
     let started = Instant::now();
-    let master = start_master(listener, options, &wall, &package, &record, stopped.clone());
+    let master = start_master(listener, options, path, &wall, &package, &record, stopped.clone());
     let feed = display.as_ref().map(Display::feed);
     let nodes: Vec<NodeThread> = wall
         .nodes()
@@ -126,7 +148,8 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-fn grid_wall(grid: Grid) -> Result<Wall> {
+/// A wall of so many equal panels with bezels.
+pub fn grid_wall(grid: Grid) -> Result<Wall> {
     let bezel_m = [0, 1].map(|axis| TILE_M[axis] / f64::from(TILE_PX[axis]) * f64::from(BEZEL_PX));
     let text = format!(
         "name = \"demo-{columns}x{rows}\"\n[grid]\ncolumns = {columns}\nrows = {rows}\ntile_px = {TILE_PX:?}\ntile_m = {TILE_M:?}\nbezel_m = {bezel_m:?}\n",
@@ -136,21 +159,10 @@ fn grid_wall(grid: Grid) -> Result<Wall> {
     WallConfig::parse(&text).map_err(|e| anyhow!("{e}"))
 }
 
-/// The file that was named, or that of a generated scene, which is written beside the pictures.
-fn scene_file(scene: &str, out: &Path) -> Result<PathBuf> {
-    match scene.parse::<GeneratedScene>() {
-        Ok(generated) if !Path::new(scene).exists() => {
-            let path = out.join(format!("{scene}.glb"));
-            write_glb(generated, 1, &path)?;
-            Ok(path)
-        }
-        _ => Ok(PathBuf::from(scene)),
-    }
-}
-
 fn start_master(
     listener: TcpListener,
     options: &Options,
+    path: CameraPath,
     wall: &Arc<Wall>,
     package: &Arc<Package>,
     record: &Record,
@@ -167,7 +179,7 @@ fn start_master(
             rate: Rate::AsFastAsPossible,
             ..ShowOptions::for_wall(wall).starting_together(wall, START_WAIT)
         },
-        camera: show::camera(Orbit::new(package, wall, frames), wall),
+        camera: show::camera(path, wall),
         cull: record.culler(options.algorithm, wall, package),
         observer: Box::new(move |frame| {
             progress.show("frames", frame.number + 1, frames);

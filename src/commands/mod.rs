@@ -1,9 +1,11 @@
 //! One file a command: its options, and thin glue over the crates.
 
+pub mod bench;
 pub mod cull;
 pub mod demo;
 pub mod generate;
 pub mod info;
+pub mod path;
 pub mod prepare;
 pub mod serve;
 pub mod tile;

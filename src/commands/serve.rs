@@ -10,7 +10,7 @@ use mullion_server::cull::Algorithm;
 use mullion_server::service::{self, FrameReport, NodeEvent, Rate, Show, ShowOptions};
 
 use super::prepare::HowToPrepare;
-use crate::camera::Orbit;
+use crate::camera::PathSource;
 use crate::files::{claim, open_scene, open_wall, write_json};
 use crate::progress::Progress;
 use crate::say::say;
@@ -45,6 +45,9 @@ pub struct Options {
     /// adaptive, oh, fh, oh-plain or naive.
     #[arg(long, default_value = "adaptive")]
     algorithm: Algorithm,
+    /// Camera path: a file, or a walk made for the scene: orbit, whole, interior, flythrough, pan.
+    #[arg(long, value_name = "FILE|NAME", default_value = "orbit")]
+    path: String,
     /// Write what happened when the show has ended (JSON; `-` for standard output).
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -52,15 +55,13 @@ pub struct Options {
     how: HowToPrepare,
 }
 
-/// Frames after which the camera's walk begins anew.
-const WALK_FRAMES: u64 = 1200;
-
 /// How often the log says how far the show is, where there is no bar.
 const TELL_EVERY: Duration = Duration::from_secs(1);
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     let wall = Arc::new(open_wall(&options.wall)?);
+    let path = PathSource::open(&options.path).context("--path")?;
     let rate_hz = options.rate.unwrap_or(wall.rate_hz());
     ensure!((0.0..=1000.0).contains(&rate_hz), "--rate: {rate_hz} is outside 0 to 1000 frames a second");
     ensure!((0.0..=86_400.0).contains(&options.wait), "--wait: {} is outside 0 to 86400 s", options.wait);
@@ -84,7 +85,7 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.rate = if rate_hz == 0.0 { Rate::AsFastAsPossible } else { Rate::Hz(rate_hz) };
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);
 
-    let walk = Orbit::new(&package, &wall, options.frames.unwrap_or(WALK_FRAMES));
+    let path = path.path(&package, &wall, options.frames)?;
     let progress = Arc::new(Progress::new());
     let lines = Arc::clone(&progress);
     let node_observer = move |event: &NodeEvent| match event {
@@ -117,7 +118,7 @@ pub fn run(options: &Options) -> Result<()> {
     let report = service::run(
         listener,
         Show {
-            camera: show::camera(walk, &wall),
+            camera: show::camera(path, &wall),
             cull: record.culler(options.algorithm, &wall, &package),
             observer: Box::new(observer),
             node_observer: Box::new(node_observer),

@@ -1,0 +1,29 @@
+//! `mullion bench`: the papers' tables and figures, measured on this machine.
+
+mod cull;
+mod figures;
+mod machine;
+mod measure;
+mod table;
+
+use anyhow::Result;
+
+/// What to measure.
+#[derive(clap::Args)]
+pub struct Options {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Cull times of all algorithms on the same frames, beside each other.
+    Cull(cull::Options),
+}
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    match &options.what {
+        What::Cull(options) => cull::run(options),
+    }
+}

@@ -1,0 +1,146 @@
+//! `mullion bench` and `mullion path` as users run them: the right files with the right counts. Times are never looked at.
+
+mod support;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use mullion_common::camera_path::CameraPath;
+use serde_json::Value;
+use support::mullion;
+use tempfile::TempDir;
+
+/// Generous for a debug build on a busy machine; a hang is longer.
+const LIMIT: Duration = Duration::from_secs(60);
+
+const CORNERS: u32 = 3;
+
+/// Nine triangles in a row, each a node of its own: nine leaves.
+fn row_of_triangles(folder: &Path) -> String {
+    let corners: [f32; 9] = [0.0, 0.0, -2.0, 1.0, 0.0, -2.0, 0.0, 1.0, -2.5];
+    let bytes: Vec<u8> = corners.iter().flat_map(|c| c.to_le_bytes()).collect();
+    fs::write(folder.join("row.bin"), &bytes).expect("written");
+    let nodes: Vec<String> = (0..9).map(|i| format!("{{\"mesh\":0,\"translation\":[{},0,{}]}}", i * 2, i % 2)).collect();
+    let gltf = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0,1,2,3,4,5,6,7,8]}}],"nodes":[{}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"count":{CORNERS},"type":"VEC3","min":[0,0,-2.5],"max":[1,1,-2]}}],
+"bufferViews":[{{"buffer":0,"byteLength":36}}],"buffers":[{{"byteLength":36,"uri":"row.bin"}}]}}"#,
+        nodes.join(",")
+    );
+    let path = folder.join("row.gltf");
+    fs::write(&path, gltf).expect("written");
+    path.display().to_string()
+}
+
+/// Runs a command that must succeed; gives what it printed.
+#[track_caller]
+fn done(args: &[&str]) -> String {
+    let outcome = mullion(args, LIMIT);
+    assert_eq!((outcome.code, outcome.err.as_str()), (Some(0), ""), "mullion {}", args.join(" "));
+    outcome.out
+}
+
+#[test]
+fn every_algorithm_is_measured_on_every_wall() {
+    let folder = TempDir::new().expect("a folder");
+    let scene = row_of_triangles(folder.path());
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (json, plots) = (at("bench.json"), at("plots"));
+    let out = done(&[
+        "bench",
+        "cull",
+        &scene,
+        "--grid",
+        "1x1,3x2",
+        "--frames",
+        "5",
+        "--threads",
+        "1,2",
+        "--slack",
+        "--json",
+        &json,
+        "--plots",
+        &plots,
+    ]);
+    let names = ["naive", "oh-plain", "fh", "oh", "adaptive", "sweep", "sweep/2", "sweep+slack"];
+    let report: Value = serde_json::from_str(&fs::read_to_string(&json).expect("it was written")).expect("JSON");
+    assert!(report["machine"]["cores"].as_u64().is_some_and(|n| n > 0) && report["machine"]["cpu"].is_string(), "{report}");
+    let tables = report["tables"].as_array().expect("tables");
+    let walls: Vec<_> = tables.iter().map(|t| (t["grid"].as_str().expect("a grid"), t["tiles"].as_u64())).collect();
+    assert_eq!(walls, [("1x1", Some(1)), ("3x2", Some(6))]);
+    for table in tables {
+        assert_eq!((table["scene"].as_str(), table["path"].as_str()), (Some("row"), Some("whole")));
+        assert_eq!((table["leaves"].as_u64(), table["frames"].as_u64()), (Some(9), Some(5)));
+        let rows = table["rows"].as_array().expect("rows");
+        let found: Vec<_> = rows.iter().map(|row| row["name"].as_str().expect("a name")).collect();
+        assert_eq!(found, names);
+        for row in rows {
+            let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
+            assert_eq!(row["frame_us"].as_array().map(Vec::len), Some(5));
+            assert!(number("leaf_tile_pairs") >= 9.0, "the whole scene is in view: {row}");
+            assert!(number("ranges") >= 1.0 && number("nodes_visited") >= 1.0 && number("plane_tests") >= 1.0, "{row}");
+            assert!(number("median_over_oh") > 0.0 && number("median_over_adaptive") > 0.0, "{row}");
+            assert!(row["excess_percent"].is_null() || number("excess_percent") >= 0.0, "{row}");
+        }
+        let of = |name: &str| rows.iter().find(|row| row["name"] == *name).map(|row| &row["leaf_tile_pairs"]);
+        assert_eq!(of("naive"), of("oh"), "they make the same tests");
+        assert_eq!(of("sweep"), of("sweep+slack"), "slack gives the same sets");
+        assert_eq!(of("sweep"), of("sweep/2"));
+    }
+    assert!(names.iter().all(|name| out.contains(name)) && out.contains("median µs"), "{out}");
+    let files = fs::read_dir(&plots).expect("a folder").map(|entry| entry.expect("an entry").file_name().into_string());
+    let files: BTreeSet<String> = files.map(|name| name.expect("UTF-8")).collect();
+    assert_eq!(files.into_iter().collect::<Vec<_>>(), ["row-1x1-frames.svg", "row-3x2-frames.svg", "row-tiles.svg"]);
+}
+
+#[test]
+fn chosen_algorithms_alone_are_measured() {
+    let folder = TempDir::new().expect("a folder");
+    let scene = row_of_triangles(folder.path());
+    let out =
+        done(&["bench", "cull", "--scene", &scene, "--grid", "2x2", "--algorithm", "sweep,fh", "--frames", "2", "--json", "-"]);
+    let report: Value = serde_json::from_str(&out).expect("JSON and nothing else");
+    let rows = report["tables"][0]["rows"].as_array().expect("rows");
+    assert_eq!(rows.iter().map(|row| row["name"].as_str()).collect::<Vec<_>>(), [Some("sweep"), Some("fh")]);
+    assert!(rows.iter().all(|row| row["median_over_oh"].is_null() && row["median_over_adaptive"].is_null()));
+}
+
+#[test]
+fn a_written_path_is_walked_again() {
+    let folder = TempDir::new().expect("a folder");
+    let scene = row_of_triangles(folder.path());
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (path, wall) = (at("pan.path"), at("wall.toml"));
+    fs::write(&wall, "[grid]\ncolumns = 2\nrows = 1\ntile_px = [64, 48]\ntile_m = [1.0, 0.75]\n").expect("written");
+    let out = done(&["path", "pan", &scene, "--wall", &wall, "--frames", "4", "--out", &path]);
+    assert!(out.contains("4 frames"), "{out}");
+    let text = fs::read_to_string(&path).expect("it was written");
+    assert_eq!(CameraPath::parse(&text).expect("a path").poses().len(), 4);
+    assert_eq!(done(&["path", "pan", &scene, "--wall", &wall, "--frames", "4", "--out", "-"]), text);
+    let eye = |path: &str, frame: &str| {
+        let out = done(&["cull", &scene, "--wall", &wall, "--path", path, "--frame", frame, "--json", "-"]);
+        let report: Value = serde_json::from_str(&out).expect("JSON");
+        report["views"][0]["bottom_left"].clone()
+    };
+    assert_eq!(eye(&path, "2"), eye("pan", "2"), "the file is the walk");
+    assert_eq!(eye(&path, "6"), eye(&path, "2"), "past its end it begins anew");
+    assert_ne!(eye(&path, "1"), eye(&path, "2"));
+    let report: Value = serde_json::from_str(&done(&[
+        "bench",
+        "cull",
+        &scene,
+        "--path",
+        &path,
+        "--grid",
+        "1x1",
+        "--algorithm",
+        "oh",
+        "--json",
+        "-",
+    ]))
+    .expect("JSON");
+    assert_eq!(report["tables"][0]["frames"].as_u64(), Some(4), "as many as the file has");
+}
