@@ -11,7 +11,7 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
 use mullion_server::cull::{Algorithm, Culler};
 use mullion_server::service::{Camera, Cull, FrameReport, Pose, ShowReport};
-use mullion_server::tree::CullTree;
+use mullion_server::tree::{Bounds, DynamicScene};
 use serde::Serialize;
 use tokio::sync::watch;
 
@@ -85,11 +85,13 @@ impl Record {
     /// Culls, and writes down what each view sees.
     pub fn culler(&self, algorithm: Algorithm, wall: &Arc<Wall>, package: &Arc<Package>) -> Cull {
         let (record, wall) = (self.clone(), Arc::clone(wall));
-        let tree = CullTree::new(Arc::clone(&package.scene.hierarchy));
+        let mut scene = DynamicScene::new(Arc::clone(package), Bounds::default());
         let mut culler = Culler::new(algorithm, &wall);
         Box::new(move |pose, sets| {
             let start = Instant::now();
-            culler.cull(&tree, &wall, &pose.eyes, &pose.world_from_room, sets);
+            pose.moved.iter().for_each(|moved| scene.move_object(moved.object, &moved.transform.affine()));
+            scene.tree_mut().refit(algorithm.tree_form());
+            culler.cull(scene.tree(), &wall, &pose.eyes, &pose.world_from_room, sets);
             let cull_us = start.elapsed().as_secs_f64() * 1e6;
             let mut data = record.0.lock().unwrap_or_else(PoisonError::into_inner);
             keep(&mut data.cull_us, cull_us);

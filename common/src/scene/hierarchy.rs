@@ -1,5 +1,6 @@
 //! The object hierarchy (OH): the tree that the cull walks.
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -101,6 +102,34 @@ impl ObjectHierarchy {
         &self.nodes[id.0 as usize]
     }
 
+    /// Gives a node another bound, which must be finite. The caller sees to it that bounds go on enclosing those below.
+    pub fn set_bound(&mut self, id: NodeId, bound: Obb) {
+        debug_assert!(bound.is_finite());
+        self.nodes[id.0 as usize].bound = bound;
+    }
+
+    /// Adds a tree below the root, after all that is there; its leaves get the next numbers. Returns its root's id.
+    ///
+    /// Where there is no root, or it is a leaf, a new root comes first, and ids grow by one. Bounds above it are not
+    /// touched.
+    pub fn append(&mut self, tree: &Self) -> NodeId {
+        if self.nodes.len() < 2 {
+            self.nodes.iter_mut().for_each(|node| node.subtree_end += 1);
+            let bound = self.nodes.iter().chain(&tree.nodes).map(|node| node.bound).next().unwrap_or(Obb::of_point(DVec3::ZERO));
+            let leaves = LeafRange::new(0, self.leaf_count());
+            self.nodes.insert(0, OhNode { bound, subtree_end: self.nodes.len() as u32 + 1, leaves });
+        }
+        let (first, first_leaf) = (self.nodes.len() as u32, self.leaf_count());
+        self.nodes.extend(tree.nodes.iter().map(|node| OhNode {
+            bound: node.bound,
+            subtree_end: node.subtree_end + first,
+            leaves: LeafRange::new(node.leaves.start + first_leaf, node.leaves.end + first_leaf),
+        }));
+        self.nodes[0].subtree_end = self.nodes.len() as u32;
+        self.nodes[0].leaves.end = first_leaf + tree.leaf_count();
+        NodeId(first)
+    }
+
     /// Whether the node is a leaf.
     pub fn is_leaf(&self, id: NodeId) -> bool {
         self.node(id).subtree_end == id.0 + 1
@@ -117,6 +146,16 @@ impl ObjectHierarchy {
                 child
             })
         })
+    }
+
+    /// The node of a leaf, which must be there.
+    pub fn leaf_node(&self, leaf: u32) -> NodeId {
+        let mut at = NodeId(0);
+        while !self.is_leaf(at) {
+            // Every leaf of a node is below one of its children.
+            at = self.children(at).find(|child| leaf < self.node(*child).leaves.end).unwrap_or(NodeId(at.0 + 1));
+        }
+        at
     }
 
     /// The nodes that are leaves, by leaf number.
@@ -148,7 +187,6 @@ impl ObjectHierarchy {
 mod tests {
     use super::*;
     use crate::geometry::Aabb;
-    use glam::DVec3;
 
     fn node(subtree_end: u32, start: u32, end: u32) -> OhNode {
         let bound = Obb::from(Aabb { min: DVec3::ZERO, max: DVec3::new(1.0, 2.0, 3.0) });

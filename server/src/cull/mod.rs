@@ -18,7 +18,7 @@ use glam::{DAffine3, DVec3};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 
-use crate::tree::CullTree;
+use crate::tree::{CullTree, TreeForm};
 
 pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guard};
 
@@ -54,6 +54,13 @@ impl Algorithm {
             Self::Adaptive => "adaptive",
             Self::Sweep => "sweep",
         }
+    }
+}
+
+impl Algorithm {
+    /// The form of the tree that it walks, which must be refitted before.
+    pub fn tree_form(self) -> TreeForm {
+        if self == Self::Sweep { TreeForm::Wide } else { TreeForm::Hierarchy }
     }
 }
 
@@ -97,6 +104,8 @@ pub struct Culler {
     stack: Vec<adaptive::Pair>,
     descent: Vec<oh::Open>,
     open: Vec<oh::Open>,
+    /// A set with leaves that are gone, on its way to one without.
+    with_removed: VisibleSet,
 }
 
 impl Culler {
@@ -105,7 +114,16 @@ impl Culler {
         let room_eyes = wall.default_eyes();
         let frusta = FrustumHierarchy::new(room_frusta(wall, &room_eyes));
         let sweeper = sweep::Sweeper::new(frusta.views());
-        Self { algorithm, frusta, sweeper, room_eyes, stack: Vec::new(), descent: Vec::new(), open: Vec::new() }
+        Self {
+            algorithm,
+            frusta,
+            sweeper,
+            room_eyes,
+            stack: Vec::new(),
+            descent: Vec::new(),
+            open: Vec::new(),
+            with_removed: VisibleSet::default(),
+        }
     }
 
     /// Culls large scenes on so many threads, the caller's among them; only [`Algorithm::Sweep`] takes more than one.
@@ -148,14 +166,25 @@ impl Culler {
             self.frusta.update(room_frusta_iter(wall, &self.room_eyes));
             self.sweeper.update(self.frusta.room());
         }
+        debug_assert!(tree.is_refitted(self.algorithm.tree_form()), "refit before culling");
         sets.iter_mut().for_each(VisibleSet::clear);
         let hierarchy = tree.hierarchy();
         if hierarchy.root().is_none() {
             return CullStats::default();
         }
+        let stats = self.cull_all(tree, world_from_room, sets);
+        for (set, removed) in tree.removed().into_iter().flat_map(|removed| sets.iter_mut().map(move |set| (set, removed))) {
+            std::mem::swap(set, &mut self.with_removed);
+            self.with_removed.difference_into(removed, set);
+        }
+        stats
+    }
+
+    fn cull_all(&mut self, tree: &CullTree, world_from_room: &DAffine3, sets: &mut [VisibleSet]) -> CullStats {
         if self.algorithm == Algorithm::Sweep {
             return self.sweeper.cull(tree, world_from_room, sets);
         }
+        let hierarchy = tree.hierarchy();
         self.frusta.place(world_from_room);
         match self.algorithm {
             Algorithm::Sweep => unreachable!("above"),

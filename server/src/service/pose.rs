@@ -14,12 +14,8 @@ pub struct Pose {
     /// [`Wall::check_eye`](mullion_common::wall::Wall::check_eye): from behind a screen, or from nearer than the near
     /// plane, there is no frustum through it, and cull and picture are wrong. The service does not check that.
     pub eyes: Vec<DVec3>,
-    /// Objects that have another transform than in the frame before.
-    ///
-    /// Nodes draw them where they now stand, but nothing here refits the package's
-    /// [`ObjectHierarchy`](mullion_common::scene::ObjectHierarchy): its bounds stay those of the prepared scene, and an
-    /// object that left them is culled by where it was. A show that moves objects must give its cull a hierarchy whose
-    /// bounds enclose them wherever they go.
+    /// Objects that have another transform than in the frame before. Nodes draw them where they now stand; the show's cull must
+    /// move them, too, as [`DynamicScene`](crate::tree::DynamicScene) does.
     pub moved: Vec<Moved>,
 }
 

@@ -1,7 +1,7 @@
 //! A hierarchy over leaves whose grouping nobody gave, or gave badly.
 
 use mullion_common::geometry::{Aabb, Obb};
-use mullion_common::scene::OhNode;
+use mullion_common::scene::{ObjectHierarchy, OhNode};
 use mullion_common::visible_set::LeafRange;
 
 use super::LANES;
@@ -43,6 +43,34 @@ pub fn hierarchy_over(bounds: &[Obb]) -> (Vec<OhNode>, Vec<u32>) {
         }
     }
     (nodes, order)
+}
+
+/// A hierarchy over leaves that keep their order, one or more: neighbours in it are grouped.
+pub(super) fn in_order(bounds: &[Obb]) -> ObjectHierarchy {
+    let mut nodes: Vec<OhNode> = Vec::new();
+    let whole = LeafRange::new(0, bounds.len() as u32);
+    let mut open: Vec<Result<LeafRange, usize>> = if bounds.is_empty() { Vec::new() } else { vec![Ok(whole)] };
+    while let Some(step) = open.pop() {
+        match step {
+            Ok(leaves) => {
+                let id = nodes.len();
+                let bound = bounds[leaves.start as usize];
+                nodes.push(OhNode { bound, subtree_end: id as u32 + 1, leaves });
+                if leaves.len() > 1 {
+                    open.push(Err(id));
+                    let each = leaves.len().div_ceil(LANES as u32);
+                    let starts = (leaves.start..leaves.end).step_by(each as usize);
+                    open.extend(starts.rev().map(|start| Ok(LeafRange::new(start, (start + each).min(leaves.end)))));
+                }
+            }
+            Err(id) => {
+                nodes[id].subtree_end = nodes.len() as u32;
+                nodes[id].bound = fitted(&nodes, id);
+            }
+        }
+    }
+    // Depth first, nested and numbered in order, as the steps have it.
+    ObjectHierarchy::new(nodes).expect("a tree")
 }
 
 enum Step {

@@ -1,37 +1,142 @@
-//! The trees that the cull walks.
+//! The trees that the cull walks, and how they follow what moves.
 
 mod build;
+mod dynamic;
 mod file;
+mod paths;
+mod rebuild;
 pub(crate) mod regroup;
+#[cfg(test)]
+mod tests;
 mod wide;
+mod wide_node;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use mullion_common::scene::ObjectHierarchy;
+use mullion_common::geometry::{Aabb, Obb};
+use mullion_common::scene::{NodeId, ObjectHierarchy};
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 pub use build::hierarchy_over;
+pub use dynamic::DynamicScene;
 pub use file::FileTree;
-pub use wide::{LANES, WideNode, WideTree};
+use paths::Paths;
+use rebuild::Rebuild;
+pub use wide::WideTree;
+pub use wide_node::{LANES, WideNode};
 
 /// The object hierarchy in every form that an algorithm walks.
 ///
-/// Shares the hierarchy with the package that holds it.
+/// Shares the hierarchy with the package that holds it, until something moves. Edits take effect for a form of the tree when that is
+/// refitted: [`CullTree::refit`], once a frame, after the frame's edits.
 #[derive(Debug, Default)]
 pub struct CullTree {
     hierarchy: Arc<ObjectHierarchy>,
     wide: Arc<WideTree>,
     stamp: u64,
+    bounds: Bounds,
+    /// From the first edit on.
+    edits: Option<Box<Edits>>,
+}
+
+/// What an edited tree keeps.
+#[derive(Debug)]
+struct Edits {
+    hierarchy_paths: Paths,
+    wide_paths: Paths,
+    /// Leaves that are gone.
+    removed: VisibleSet,
+    /// [`WideTree::visits`] when the tree was built.
+    built_visits: f64,
+    rebuild: Option<Rebuild>,
+}
+
+impl Edits {
+    fn of(hierarchy: &ObjectHierarchy, wide: &WideTree) -> Self {
+        Self {
+            hierarchy_paths: Paths::of_hierarchy(hierarchy),
+            wide_paths: Paths::of_wide(wide),
+            removed: VisibleSet::default(),
+            built_visits: wide.visits(),
+            rebuild: None,
+        }
+    }
+
+    /// Marks what has to be refitted since a leaf has changed.
+    fn mark(&mut self, leaf: u32) {
+        self.hierarchy_paths.mark(leaf);
+        self.wide_paths.mark(leaf);
+        if let Some(rebuild) = &mut self.rebuild {
+            rebuild.note(leaf);
+        }
+    }
+}
+
+/// Which boxes moving leaves, and the nodes above them, get (Nirnimesh, Harish, Narayanan 2006, section 5, Fig. 6). The wide
+/// tree's inner boxes are axis-aligned whatever is chosen here.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Bounds {
+    /// Oriented ones for all: tight, the slowest to refit.
+    Obb,
+    /// Axis-aligned ones for what has moved and all above it, oriented ones for the rest.
+    #[default]
+    Hybrid,
+    /// Axis-aligned ones for all: loose, fast.
+    Aabb,
+}
+
+impl Bounds {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Obb, Self::Aabb, Self::Hybrid];
+
+    /// As users write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Obb => "obb",
+            Self::Aabb => "aabb",
+            Self::Hybrid => "hybrid",
+        }
+    }
+}
+
+/// A form of the tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TreeForm {
+    /// The object hierarchy, which the paper's algorithms walk.
+    Hierarchy,
+    /// Wide nodes, which the sweep walks.
+    Wide,
 }
 
 /// Stamps given so far.
 static STAMPS: AtomicU64 = AtomicU64::new(1);
 
+fn new_stamp() -> u64 {
+    STAMPS.fetch_add(1, Ordering::Relaxed)
+}
+
 impl CullTree {
     /// The tree over a hierarchy.
     pub fn new(hierarchy: Arc<ObjectHierarchy>) -> Self {
         let wide = Arc::new(WideTree::new(&hierarchy));
-        Self { hierarchy, wide, stamp: STAMPS.fetch_add(1, Ordering::Relaxed) }
+        Self { hierarchy, wide, stamp: new_stamp(), bounds: Bounds::default(), edits: None }
+    }
+
+    /// The tree over a hierarchy, ready to be edited: the first edit costs no more than later ones.
+    pub fn editable(hierarchy: Arc<ObjectHierarchy>, bounds: Bounds) -> Self {
+        let mut tree = Self::new(hierarchy);
+        tree.bounds = bounds;
+        if bounds == Bounds::Aabb {
+            let nodes = Arc::make_mut(&mut tree.hierarchy);
+            for id in (0..nodes.nodes().len() as u32).map(NodeId) {
+                nodes.set_bound(id, nodes.node(id).bound.aabb().into());
+            }
+            tree.wide = Arc::new(WideTree::new(&tree.hierarchy));
+        }
+        Arc::make_mut(&mut tree.hierarchy);
+        tree.edits();
+        tree
     }
 
     /// The object hierarchy, which the paper's algorithms walk.
@@ -39,18 +144,168 @@ impl CullTree {
         &self.hierarchy
     }
 
+    /// The same as wide nodes, which the sweep walks.
+    pub fn wide(&self) -> &WideTree {
+        &self.wide
+    }
+
+    /// The bound of a leaf.
+    pub fn leaf_bound(&self, leaf: u32) -> &Obb {
+        let known = self.edits.as_ref().map(|edits| NodeId(edits.hierarchy_paths.start_of(leaf)));
+        &self.hierarchy.node(known.unwrap_or_else(|| self.hierarchy.leaf_node(leaf))).bound
+    }
+
+    /// Leaves that are gone: no visible set holds them.
+    pub fn removed(&self) -> Option<&VisibleSet> {
+        self.edits.as_ref().map(|edits| &edits.removed).filter(|removed| !removed.is_empty())
+    }
+
     /// Never the same for two trees, nor for one before and after an edit.
     pub(crate) fn stamp(&self) -> u64 {
         self.stamp
     }
 
-    /// Both forms, for a thread of its own.
+    /// Both forms, for a thread of its own, which must let go of them before the next edit, lest that copies them.
     pub(crate) fn shared(&self) -> (Arc<ObjectHierarchy>, Arc<WideTree>) {
         (Arc::clone(&self.hierarchy), Arc::clone(&self.wide))
     }
 
-    /// The same as wide nodes, which the sweep walks.
-    pub fn wide(&self) -> &WideTree {
-        &self.wide
+    fn edits(&mut self) -> &mut Edits {
+        self.edits.get_or_insert_with(|| Box::new(Edits::of(&self.hierarchy, &self.wide)))
     }
+
+    /// Gives a leaf the bound that encloses it from now on; it must be finite. Takes effect with [`CullTree::refit`].
+    pub fn move_leaf(&mut self, leaf: u32, bound: &Obb) {
+        let bound = if self.bounds == Bounds::Obb { *bound } else { bound.aabb().into() };
+        let edits = self.edits();
+        edits.mark(leaf);
+        let node = NodeId(edits.hierarchy_paths.start_of(leaf));
+        Arc::make_mut(&mut self.hierarchy).set_bound(node, bound);
+    }
+
+    /// Takes a leaf out of every visible set. Its number stays unused until the tree is rebuilt.
+    pub fn remove_leaf(&mut self, leaf: u32) {
+        let edits = self.edits();
+        edits.removed.push_unordered(LeafRange::new(leaf, leaf + 1));
+        edits.removed.normalize();
+        edits.mark(leaf);
+        // A point within what enclosed it: nothing gets larger for its sake.
+        let id = NodeId(edits.hierarchy_paths.start_of(leaf));
+        let middle = self.hierarchy.node(id).bound.center;
+        Arc::make_mut(&mut self.hierarchy).set_bound(id, Obb::of_point(middle));
+    }
+
+    /// Adds leaves with these bounds, one or more, and returns their numbers: the next ones, in the order given. They stand below
+    /// the root until the tree is rebuilt.
+    pub fn add_leaves(&mut self, bounds: &[Obb]) -> LeafRange {
+        self.stamp = new_stamp();
+        let first = self.hierarchy.leaf_count();
+        let has_inner_root = self.hierarchy.nodes().len() > 1;
+        let edits = self.edits.get_or_insert_with(|| Box::new(Edits::of(&self.hierarchy, &self.wide)));
+        let hierarchy = Arc::make_mut(&mut self.hierarchy);
+        let id = hierarchy.append(&build::in_order(bounds));
+        if has_inner_root {
+            let wide = Arc::make_mut(&mut self.wide);
+            let before = wide.append(hierarchy, id);
+            edits.hierarchy_paths.extend_with_hierarchy(hierarchy, id.0);
+            edits.wide_paths.extend_with_wide(wide, before);
+        } else {
+            self.wide = Arc::new(WideTree::new(hierarchy));
+            edits.hierarchy_paths = Paths::of_hierarchy(hierarchy);
+            edits.wide_paths = Paths::of_wide(&self.wide);
+        }
+        let leaves = LeafRange::new(first, hierarchy.leaf_count());
+        (leaves.start..leaves.end).for_each(|leaf| edits.mark(leaf));
+        leaves
+    }
+
+    /// Brings a form of the tree up to date with all edits so far: boxes on the ways from edited leaves to the root, bottom-up.
+    pub fn refit(&mut self, form: TreeForm) {
+        let Some(edits) = &mut self.edits else {
+            return;
+        };
+        let mut is_changed = false;
+        match form {
+            TreeForm::Hierarchy => {
+                let hierarchy = Arc::make_mut(&mut self.hierarchy);
+                let mut end = edits.hierarchy_paths.end();
+                while let Some(at) = edits.hierarchy_paths.take_last(&mut end) {
+                    is_changed = true;
+                    if !hierarchy.is_leaf(NodeId(at)) {
+                        let bound = match self.bounds {
+                            Bounds::Obb => build::fitted(hierarchy.nodes(), at as usize),
+                            Bounds::Aabb | Bounds::Hybrid => {
+                                let children = hierarchy.children(NodeId(at)).map(|child| hierarchy.node(child).bound.aabb());
+                                children.fold(Aabb::EMPTY, |all, b| all.union(&b)).into()
+                            }
+                        };
+                        hierarchy.set_bound(NodeId(at), bound);
+                    }
+                }
+            }
+            TreeForm::Wide => {
+                let wide = Arc::make_mut(&mut self.wide);
+                let mut end = edits.wide_paths.end();
+                while let Some(at) = edits.wide_paths.take_last(&mut end) {
+                    is_changed = true;
+                    wide.refit(at, &self.hierarchy);
+                }
+                if is_changed {
+                    wide.refit_roots(&self.hierarchy);
+                }
+            }
+        }
+        if is_changed {
+            self.stamp = new_stamp();
+        }
+    }
+
+    /// Whether a form of the tree is up to date with all edits.
+    pub fn is_refitted(&self, form: TreeForm) -> bool {
+        self.edits.as_ref().is_none_or(|edits| match form {
+            TreeForm::Hierarchy => edits.hierarchy_paths.is_clean(),
+            TreeForm::Wide => edits.wide_paths.is_clean(),
+        })
+    }
+
+    /// How many times as many nodes a walk of the wide tree visits as when it was built, by its boxes' sizes.
+    pub fn degradation(&self) -> f64 {
+        self.edits.as_ref().map_or(1.0, |edits| self.wide.visits() / edits.built_visits.max(1.0))
+    }
+
+    /// Starts to build the tree anew from the leaves as they are, unless that is going on. It comes to a result in
+    /// [`CullTree::rebuild_step`].
+    pub fn start_rebuild(&mut self) {
+        let leaf_count = self.hierarchy.leaf_count();
+        self.edits().rebuild.get_or_insert_with(|| Rebuild::new(leaf_count));
+    }
+
+    /// Does a bounded part of a rebuild, the rest of which goes on in a thread of its own: to be called once a frame, before the frame's edits are
+    /// refitted. When the new tree is there it takes this one's place, with new leaf numbers: of each new one, the
+    /// old one is returned. Removed leaves are gone then. With [`RebuildStep::Finish`] all of it is done at once.
+    pub fn rebuild_step(&mut self, step: RebuildStep) -> Option<Vec<u32>> {
+        let edits = self.edits.as_mut()?;
+        let mut rebuild = edits.rebuild.take()?;
+        let leaf = |leaf: u32| {
+            let bound = self.hierarchy.node(NodeId(edits.hierarchy_paths.start_of(leaf))).bound;
+            (!edits.removed.contains(leaf)).then_some(bound)
+        };
+        let Some(mut built) = rebuild.step(step, self.bounds, leaf) else {
+            edits.rebuild = Some(rebuild);
+            return None;
+        };
+        let (removed, before) = (std::mem::take(&mut edits.removed), std::mem::take(self));
+        built.replay(rebuild.edited(), |leaf| (!removed.contains(leaf)).then(|| before.leaf_bound(leaf)));
+        *self = built.tree;
+        Some(built.old_of_new)
+    }
+}
+
+/// How much of a rebuild to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RebuildStep {
+    /// What a frame has time for.
+    Some,
+    /// All that remains, however long it takes.
+    Finish,
 }

@@ -28,7 +28,7 @@ impl Visit {
     /// The whole tree before the whole lattice.
     pub(super) fn all(tree: &WideTree, lattice: &Lattice) -> Self {
         let [across, up] = lattice.slots();
-        Self { node: 0, leaves: LeafRange::new(0, tree.leaf_count()), slots: [0, across, 0, up], mask: ALL_SIDES }
+        Self { node: tree.root(), leaves: LeafRange::new(0, tree.leaf_count()), slots: [0, across, 0, up], mask: ALL_SIDES }
     }
 
     /// Whether leaves are to be emitted, not a node to be visited.

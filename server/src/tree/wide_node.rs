@@ -1,0 +1,183 @@
+//! A node of the wide tree: eight boxes in 128 bytes.
+
+use glam::DVec3;
+use mullion_common::geometry::Aabb;
+use mullion_common::visible_set::LeafRange;
+
+/// Children of a node.
+pub const LANES: usize = 8;
+
+/// Up to eight boxes and what they hold.
+#[derive(Clone, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub struct WideNode {
+    /// Least x of all lanes, then y, then z, in steps from `origin`; above `max` in an empty lane.
+    pub min: [[u8; LANES]; 3],
+    /// Greatest coordinates, in the same steps.
+    pub max: [[u8; LANES]; 3],
+    /// From the tree's origin, metres.
+    pub origin: [f32; 3],
+    /// A step along each axis is two to this power, metres.
+    pub exponent: [i8; 3],
+    /// A bit for each lane that is a leaf.
+    pub leaf_lanes: u8,
+    /// First leaf of each lane, `u32::MAX` in an unused one. A lane ends where the next one starts or the node ends.
+    pub first_leaf: [u32; LANES],
+    /// Below each lane: a wide node, or with [`WideNode::LEAF`] set the hierarchy's node of a leaf, with
+    /// [`WideNode::ORIENTED`] set where its oriented box is much smaller than the lane's.
+    pub child: [u32; LANES],
+}
+const _: () = assert!(size_of::<WideNode>() == 128);
+
+impl Default for WideNode {
+    /// A node with nothing in it.
+    fn default() -> Self {
+        Self {
+            min: [[1; LANES]; 3],
+            max: [[0; LANES]; 3],
+            origin: [0.0; 3],
+            exponent: [0; 3],
+            leaf_lanes: 0,
+            first_leaf: [u32::MAX; LANES],
+            child: [0; LANES],
+        }
+    }
+}
+
+impl WideNode {
+    /// Marks a child that is a leaf.
+    pub const LEAF: u32 = 1 << 31;
+    /// Marks a leaf whose oriented box is worth a test of its own.
+    pub const ORIENTED: u32 = 1 << 30;
+    /// What remains without the marks.
+    pub const NODE: u32 = Self::ORIENTED - 1;
+    /// Steps along an axis.
+    const STEPS: f64 = 255.0;
+    /// Least exponent: a step of a tenth of a nanometre, for nodes without extent.
+    const MIN_EXPONENT: i32 = -33;
+    /// Greatest exponent: a step that `f32` still has. Lanes that end further out are infinite there, and always cut.
+    const MAX_EXPONENT: i32 = 127;
+
+    /// Takes the lanes' boxes, relative to the tree's origin, metres; empty ones for lanes with nothing in them. Boxes are
+    /// rounded outwards.
+    pub(super) fn set_boxes(&mut self, boxes: &[Aabb; LANES]) {
+        let all = boxes.iter().fold(Aabb::EMPTY, |all, b| all.union(b));
+        if all.is_empty() {
+            (self.min, self.max) = ([[1; LANES]; 3], [[0; LANES]; 3]);
+            return;
+        }
+        for axis in 0..3 {
+            let origin = floor_f32(all.min[axis]);
+            let from = f64::from(origin);
+            let exponent = exponent_for((all.max[axis] - from) / Self::STEPS);
+            // Exact: steps are powers of two.
+            let per_step = power_of_two_f64(-exponent);
+            self.origin[axis] = origin;
+            self.exponent[axis] = exponent as i8;
+            for (lane, b) in boxes.iter().enumerate() {
+                let (low, high) = ((b.min[axis] - from) * per_step, (b.max[axis] - from) * per_step);
+                // Neither is negative where the box is not empty: a cast rounds down.
+                let floor = high as u8;
+                (self.min[axis][lane], self.max[axis][lane]) = (low as u8, floor + u8::from(f64::from(floor) < high));
+                if b.min[axis] > b.max[axis] {
+                    (self.min[axis][lane], self.max[axis][lane]) = (1, 0);
+                }
+            }
+        }
+    }
+
+    /// The leaves of a lane; `end` is one past the node's last leaf.
+    #[inline(always)]
+    pub fn leaves(&self, lane: usize, end: u32) -> LeafRange {
+        let next = if lane + 1 < LANES { self.first_leaf[lane + 1].min(end) } else { end };
+        LeafRange::new(self.first_leaf[lane], next)
+    }
+
+    /// How many lanes are used; they are the first ones.
+    pub fn lane_count(&self) -> usize {
+        self.first_leaf.iter().take_while(|first| **first != u32::MAX).count()
+    }
+
+    /// The box around all lanes relative to the tree's origin, metres; empty where they all are.
+    pub fn bound(&self) -> Aabb {
+        let (mut min, mut max) = (DVec3::ZERO, DVec3::ZERO);
+        for axis in 0..3 {
+            let (mut low, mut high) = (u8::MAX, 0);
+            for (lane_low, lane_high) in self.min[axis].iter().zip(&self.max[axis]) {
+                // An empty lane is one step from 1 to 0.
+                let is_empty = lane_low > lane_high;
+                low = low.min(if is_empty { u8::MAX } else { *lane_low });
+                high = high.max(*lane_high);
+            }
+            if low > high {
+                return Aabb::EMPTY;
+            }
+            let (from, step) = (f64::from(self.origin[axis]), power_of_two_f64(self.exponent[axis].into()));
+            min[axis] = from + f64::from(low) * step;
+            max[axis] = from + f64::from(high) * step;
+        }
+        Aabb { min, max }
+    }
+
+    /// Length of a step along each axis, metres.
+    #[inline(always)]
+    pub fn step_m(&self) -> [f32; 3] {
+        self.exponent.map(|exponent| f32::from_bits(((i32::from(exponent) + 127) as u32) << 23))
+    }
+}
+
+/// Two to the power of `exponent`, in the range of normal numbers.
+fn power_of_two_f64(exponent: i32) -> f64 {
+    f64::from_bits(((exponent + 1023) as u64) << 52)
+}
+
+/// The least power of two, as an exponent, that is not below `step_m`.
+fn exponent_for(step_m: f64) -> i32 {
+    let bits = step_m.max(power_of_two_f64(WideNode::MIN_EXPONENT)).to_bits();
+    let floor = (bits >> 52) as i32 - 1023;
+    let is_above = bits & ((1 << 52) - 1) != 0;
+    (floor + i32::from(is_above)).min(WideNode::MAX_EXPONENT)
+}
+
+/// The greatest `f32` that is not above `value`.
+fn floor_f32(value: f64) -> f32 {
+    let near = value as f32;
+    if f64::from(near) > value { near.next_down() } else { near }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn boxes_are_rounded_outwards_by_less_than_a_step(
+            places in proptest::collection::vec((-1e6..1e6f64, -1e-3..1e-3f64, 5.0..6.0f64, 0.0..1e3f64), 1..9),
+        ) {
+            let mut boxes = [Aabb::EMPTY; LANES];
+            for (b, (x, y, z, size)) in boxes.iter_mut().zip(&places) {
+                let min = DVec3::new(*x, *y, *z);
+                *b = Aabb { min, max: min + DVec3::new(*size, size * 1e-6, 0.0) };
+            }
+            let mut node = WideNode::default();
+            node.set_boxes(&boxes);
+            for axis in 0..3 {
+                let step = f64::from(node.step_m()[axis]);
+                let at = |steps: u8| f64::from(node.origin[axis]) + f64::from(steps) * step;
+                for (lane, b) in boxes.iter().enumerate().take(places.len()) {
+                    let (low, high) = (at(node.min[axis][lane]), at(node.max[axis][lane]));
+                    prop_assert!(low <= b.min[axis] && b.min[axis] < low + step, "{low} {b:?} {step}");
+                    prop_assert!(high >= b.max[axis] && b.max[axis] > high - step, "{high} {b:?} {step}");
+                }
+                for lane in places.len()..LANES {
+                    prop_assert!(node.min[axis][lane] > node.max[axis][lane]);
+                }
+            }
+            let all = boxes.iter().fold(Aabb::EMPTY, |all, b| all.union(b));
+            let bound = node.bound();
+            prop_assert!(bound.min.cmple(all.min).all() && bound.max.cmpge(all.max).all());
+            prop_assert!(WideNode::default().bound().is_empty());
+        }
+    }
+}
