@@ -9,6 +9,7 @@ mod frustum_hierarchy;
 mod naive;
 mod oh;
 mod oh_plain;
+pub mod oracle;
 mod sweep;
 
 use std::fmt;
