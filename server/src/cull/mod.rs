@@ -4,12 +4,14 @@
 //! (Nirnimesh, Harish, Narayanan 2006, section 4.2); the others are what it is held against.
 
 mod adaptive;
+mod adaptive_grouped;
 mod fh;
 mod frustum_hierarchy;
 mod naive;
 mod oh;
 mod oh_plain;
 pub mod oracle;
+mod overlap;
 mod sweep;
 
 use std::fmt;
@@ -22,6 +24,7 @@ use mullion_common::wall::{ViewId, Wall};
 use crate::tree::CullTree;
 
 pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guard};
+pub use overlap::Overlap;
 
 /// How to cull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,13 +40,17 @@ pub enum Algorithm {
     Fh,
     /// Both hierarchies together, each unfolded where it pays: "adaptive OH and FH".
     Adaptive,
+    /// The same with pseudo-groups: what lies on one side of a bisection plane goes on as one. For nodes of very many
+    /// children.
+    AdaptiveGrouped,
     /// One walk of the wide tree for a whole grid of tiles: ours, and the fastest.
     Sweep,
 }
 
 impl Algorithm {
     /// All of them.
-    pub const ALL: [Self; 6] = [Self::Naive, Self::OhPlain, Self::Fh, Self::Oh, Self::Adaptive, Self::Sweep];
+    pub const ALL: [Self; 7] =
+        [Self::Naive, Self::OhPlain, Self::Fh, Self::Oh, Self::Adaptive, Self::AdaptiveGrouped, Self::Sweep];
 
     /// As users write it.
     pub fn name(self) -> &'static str {
@@ -53,6 +60,7 @@ impl Algorithm {
             Self::Fh => "fh",
             Self::Oh => "oh",
             Self::Adaptive => "adaptive",
+            Self::AdaptiveGrouped => "adaptive-grouped",
             Self::Sweep => "sweep",
         }
     }
@@ -98,15 +106,25 @@ pub struct Culler {
     stack: Vec<adaptive::Pair>,
     descent: Vec<oh::Open>,
     open: Vec<oh::Open>,
+    groups: adaptive_grouped::Memory,
 }
 
 impl Culler {
     /// A culler for a wall.
     pub fn new(algorithm: Algorithm, wall: &Wall) -> Self {
         let room_eyes = wall.default_eyes();
-        let frusta = FrustumHierarchy::new(room_frusta(wall, &room_eyes));
+        let frusta = FrustumHierarchy::new(room_frusta(wall, &room_eyes), Overlap::default());
         let sweeper = sweep::Sweeper::new(frusta.views());
-        Self { algorithm, frusta, sweeper, room_eyes, stack: Vec::new(), descent: Vec::new(), open: Vec::new() }
+        Self {
+            algorithm,
+            frusta,
+            sweeper,
+            room_eyes,
+            stack: Vec::new(),
+            descent: Vec::new(),
+            open: Vec::new(),
+            groups: adaptive_grouped::Memory::default(),
+        }
     }
 
     /// Culls large scenes on so many threads, the caller's among them; only [`Algorithm::Sweep`] takes more than one.
@@ -123,6 +141,14 @@ impl Culler {
     #[must_use]
     pub fn with_slack(mut self, is_used: bool) -> Self {
         self.sweeper.set_slack(is_used);
+        self
+    }
+
+    /// How [`Algorithm::Fh`], [`Algorithm::Adaptive`] and [`Algorithm::AdaptiveGrouped`] treat views that overlap; the other
+    /// algorithms have no frustum hierarchy.
+    #[must_use]
+    pub fn with_overlap(mut self, overlap: Overlap) -> Self {
+        self.frusta = FrustumHierarchy::new(self.frusta.room().to_vec(), overlap);
         self
     }
 
@@ -168,6 +194,7 @@ impl Culler {
                 let memory = (&mut self.open, &mut self.stack, &mut self.descent);
                 adaptive::cull(hierarchy, &self.frusta, memory, sets)
             }
+            Algorithm::AdaptiveGrouped => adaptive_grouped::cull(hierarchy, &self.frusta, &mut self.open, &mut self.groups, sets),
         }
     }
 }
