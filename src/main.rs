@@ -3,6 +3,7 @@
 mod camera;
 mod commands;
 mod composite;
+mod cull_cases;
 mod files;
 mod pixels;
 mod progress;
@@ -38,7 +39,7 @@ enum Command {
     Info(commands::info::Options),
     /// Cull one frame without drawing, and write down what each tile may see.
     Cull(commands::cull::Options),
-    /// Prove on this machine that culling changes no picture.
+    /// Prove on this machine that culling drops nothing and changes no picture.
     Verify(commands::verify::Options),
 }
 
