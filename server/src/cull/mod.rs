@@ -12,6 +12,7 @@ mod oh;
 mod oh_plain;
 pub mod oracle;
 mod overlap;
+pub mod shadow;
 mod sweep;
 
 use std::fmt;
