@@ -190,12 +190,17 @@ impl Round {
         })
     }
 
-    /// What happens between two frames: the only place where the tree changes.
-    fn edit_tree(&mut self) {
-        if self.random.chance(4) {
-            self.scene.edit(&mut self.random);
-            self.tree = CullTree::new(Arc::new(self.scene.hierarchy()));
+    /// What happens to the scene before a frame: the only place where the tree changes.
+    fn edit_tree(&mut self, frusta: &[Frustum]) {
+        if self.random.chance(3) {
+            return;
         }
+        if self.random.chance(2) {
+            self.scene.move_some(&mut self.random);
+        } else {
+            self.scene.touch_some(&mut self.random, frusta);
+        }
+        self.tree = CullTree::new(Arc::new(self.scene.hierarchy()));
     }
 
     /// The room stands still, goes on a little or jumps, and so do the heads.
@@ -223,58 +228,49 @@ impl Round {
 
     fn check_frame(&mut self, frame: u32, report: &mut Report) {
         if frame > 0 {
-            self.edit_tree();
             self.move_on();
         }
         let eyes = self.room.eyes(&self.heads);
-        let frustum = |view: usize| self.room.wall().frustum(ViewId(view as u16), eyes[view], &self.world_from_room);
-        for (view, set) in self.exact.iter_mut().enumerate() {
+        let frustum = |(view, eye): (usize, &DVec3)| self.room.wall().frustum(ViewId(view as u16), *eye, &self.world_from_room);
+        let frusta: Vec<Frustum> = eyes.iter().enumerate().map(frustum).collect();
+        self.edit_tree(&frusta);
+        for (frustum, set) in frusta.iter().zip(&mut self.exact) {
             set.clear();
-            oracle::visible_leaves(self.tree.hierarchy(), &frustum(view), set);
+            oracle::visible_leaves(self.tree.hierarchy(), frustum, set);
             report.visible += u64::from(set.len());
         }
         report.frames += 1;
-        report.cases += u64::from(self.tree.hierarchy().leaf_count()) * self.exact.len() as u64;
+        report.cases += u64::from(self.tree.hierarchy().leaf_count()) * frusta.len() as u64;
         let mut missing = VisibleSet::default();
-        for ((culler, contestant), at) in self.cullers.iter_mut().zip(CONTESTANTS).zip(0..) {
+        for contestant in 0..self.cullers.len() {
+            let culler = &mut self.cullers[contestant];
             culler.cull(&self.tree, self.room.wall(), &eyes, &self.world_from_room, &mut self.found);
+            let standing = &mut report.contestants[contestant];
+            let mut first = None;
             for (view, (found, exact)) in self.found.iter().zip(&self.exact).enumerate() {
-                let standing = &mut report.contestants[at];
                 standing.found += u64::from(found.len());
                 exact.difference_into(found, &mut missing);
                 standing.dropped += u64::from(missing.len());
-                let is_new = report.drops.last().is_none_or(|drop| drop.seed != self.seed || drop.contestant != standing.name);
-                if let (Some(leaf), true, true) = (missing.leaves().next(), is_new, report.drops.len() < MAX_DROPS_TOLD) {
-                    let bound = self.scene.leaves()[leaf as usize];
-                    let (scene, room) = (self.scene.describe(), self.room.describe());
-                    let case = Drop {
-                        seed: self.seed,
-                        scene,
-                        room,
-                        frame,
-                        contestant: contestant.name(),
-                        leaf,
-                        ..Drop::of(view, bound, &frustum(view))
-                    };
-                    report.drops.push(case);
-                }
+                first = first.or_else(|| missing.leaves().next().map(|leaf| (leaf, view)));
+            }
+            let is_told = report.drops.iter().any(|drop| drop.seed == self.seed && drop.contestant == standing.name);
+            if let (Some((leaf, view)), false) = (first, is_told || report.drops.len() >= MAX_DROPS_TOLD) {
+                let contestant = standing.name.clone();
+                report.drops.push(self.drop_of(frame, contestant, leaf, view, &frusta[view]));
             }
         }
     }
-}
 
-impl Drop {
-    /// The geometry of a case.
-    fn of(view: usize, bound: Obb, frustum: &Frustum) -> Self {
-        Self {
-            seed: 0,
-            scene: String::new(),
-            room: String::new(),
-            frame: 0,
-            contestant: String::new(),
-            leaf: 0,
+    fn drop_of(&self, frame: u32, contestant: String, leaf: u32, view: usize, frustum: &Frustum) -> Drop {
+        Drop {
+            seed: self.seed,
+            scene: self.scene.describe(),
+            room: self.room.describe(),
+            frame,
+            contestant,
+            leaf,
             view: view as u16,
-            bound,
+            bound: self.scene.leaves()[leaf as usize],
             eye: frustum.eye,
             rays: frustum.rays,
             planes: frustum.planes.map(|plane| (plane.normal, plane.offset_m)),

@@ -1,7 +1,7 @@
 //! Random scenes: boxes of every kind in trees of every shape.
 
 use glam::{DAffine3, DMat3, DVec3};
-use mullion_common::geometry::{Aabb, Obb};
+use mullion_common::geometry::{Aabb, Frustum, FrustumSide, Obb};
 use mullion_common::scene::{ObjectHierarchy, OhNode};
 use mullion_common::visible_set::LeafRange;
 
@@ -111,13 +111,38 @@ impl Scene {
     }
 
     /// Moves some leaves, a few or most.
-    pub fn edit(&mut self, random: &mut Random) {
+    pub fn move_some(&mut self, random: &mut Random) {
         let one_in = u64::from(random.count(1, 50));
         let step_m = random.magnitude(1e-3, REACH) * self.unit_m;
         for leaf in &mut self.leaves {
             if random.chance(one_in) {
                 leaf.center += random.point(step_m);
             }
+        }
+    }
+
+    /// Moves some leaves to where they touch a side of a view from outside, so that a hair of them is seen: what rounding
+    /// drops first.
+    pub fn touch_some(&mut self, random: &mut Random, frusta: &[Frustum]) {
+        const HAIR: [f64; 3] = [1e-14, 1e-9, 1e-7];
+        let one_in = u64::from(random.count(1, 50));
+        for leaf in &mut self.leaves {
+            if !random.chance(one_in) {
+                continue;
+            }
+            let frustum = random.pick(frusta);
+            let [bottom_left, bottom_right, top_right, top_left] = frustum.rays;
+            let (side, along) = random.pick(&[
+                (FrustumSide::Left, [bottom_left, top_left]),
+                (FrustumSide::Right, [bottom_right, top_right]),
+                (FrustumSide::Bottom, [bottom_left, bottom_right]),
+                (FrustumSide::Top, [top_left, top_right]),
+            ]);
+            let share = random.pick(&[0.0, 0.5, 1.0]);
+            let way = (along[0] * share + along[1] * (1.0 - share)) * random.magnitude(1.0, 1e3);
+            let normal = frustum.plane(side).normal;
+            let to_corner: DVec3 = leaf.half_axes.iter().map(|half| *half * half.dot(normal).signum()).sum();
+            leaf.center = frustum.eye + way - to_corner + normal * way.length() * random.pick(&HAIR);
         }
     }
 
