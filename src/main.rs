@@ -3,6 +3,7 @@
 mod camera;
 mod commands;
 mod composite;
+mod cull_cases;
 mod files;
 mod pixels;
 mod plot;
@@ -43,7 +44,7 @@ enum Command {
     Path(commands::path::Options),
     /// Measure on this machine: the papers' tables and figures.
     Bench(commands::bench::Options),
-    /// Prove on this machine that culling changes no picture.
+    /// Prove on this machine that culling drops nothing and changes no picture.
     Verify(commands::verify::Options),
 }
 

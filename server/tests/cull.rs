@@ -8,7 +8,7 @@ use mullion_common::geometry::Frustum;
 use mullion_common::scene::Package;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{ViewId, Wall, WallConfig};
-use mullion_server::cull::{Algorithm, CullStats, Culler, FrustumHierarchy, FrustumNode};
+use mullion_server::cull::{Algorithm, CullStats, Culler, FrustumHierarchy, FrustumNode, Overlap};
 use mullion_server::prepare::gltf::{SourceMesh, SourceNode, SourcePrimitive, SourceScene};
 use mullion_server::prepare::{PrepareOptions, prepare};
 use mullion_server::tree::CullTree;
@@ -123,7 +123,7 @@ proptest! {
                 let (found, _) = sets(algorithm, &package, &wall, &eyes, &room);
                 prop_assert_eq!(&found, &naive, "{} on {}", algorithm, wall.name());
             }
-            for algorithm in [Algorithm::Fh, Algorithm::Adaptive] {
+            for algorithm in [Algorithm::Fh, Algorithm::Adaptive, Algorithm::AdaptiveGrouped] {
                 let (found, _) = sets(algorithm, &package, &wall, &eyes, &room);
                 assert_only_unseen_leaves_missing(&package, &wall, &eyes, &room, &naive, &found);
             }
@@ -163,14 +163,14 @@ fn a_grid_is_halved_down_to_single_tiles() {
     let room = DAffine3::IDENTITY;
     let eyes = wall.default_eyes();
     let frusta = eyes.iter().enumerate().map(|(view, eye)| wall.frustum(ViewId(view as u16), *eye, &room)).collect();
-    let mut hierarchy = FrustumHierarchy::new(frusta);
+    let mut hierarchy = FrustumHierarchy::new(frusta, Overlap::default());
     hierarchy.place(&room);
     assert_eq!(hierarchy.primary().len(), 5, "four sides and the near plane bound the whole wall");
     let (mut open, mut tiles, mut deepest) = (vec![(0, 0)], 0, 0);
     while let Some((node, depth)) = open.pop() {
         deepest = deepest.max(depth);
         match *hierarchy.node(node) {
-            FrustumNode::Views { start, end } => {
+            FrustumNode::Cells { start, end } => {
                 assert_eq!(end - start, 1);
                 tiles += 1;
             }
@@ -186,7 +186,7 @@ fn a_head_that_moves_before_a_grid_rebuilds_nothing() {
     let frusta = |eye: DVec3| (0..16).map(move |view| (view, eye));
     let of = |(view, eye): (u16, DVec3)| wall.frustum(ViewId(view), eye, &DAffine3::IDENTITY);
     let eye = wall.default_eyes()[0];
-    let mut hierarchy = FrustumHierarchy::new(frusta(eye).map(of).collect());
+    let mut hierarchy = FrustumHierarchy::new(frusta(eye).map(of).collect(), Overlap::default());
     for step in 0..20 {
         let away = DVec3::new((f64::from(step) * 0.7).sin(), (f64::from(step) * 0.4).cos(), f64::from(step) * 0.05);
         hierarchy.update(frusta(eye + away).map(of));

@@ -41,7 +41,7 @@ pub struct Options {
     /// Which frame of the path; past its end it begins anew.
     #[arg(long, requires = "path", default_value_t = 0)]
     frame: u64,
-    /// adaptive, oh, fh, oh-plain, naive, or all of them one beside the other.
+    /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain, naive, or all of them one beside the other.
     #[arg(long, default_value = "adaptive")]
     algorithm: String,
     /// Cull so many times, algorithms in turn, and give the median time.
@@ -115,7 +115,7 @@ pub fn run(options: &Options) -> Result<()> {
     for run in runs.iter().filter(|_| !is_piped) {
         let pairs: u64 = run.sets.iter().map(|s| u64::from(s.len())).sum();
         say!(
-            "{:9} {:10.1} µs  {:9} nodes  {:10} plane tests  {pairs} of {all} (leaf, view) pairs may be visible",
+            "{:16} {:10.1} µs  {:9} nodes  {:10} plane tests  {pairs} of {all} (leaf, view) pairs may be visible",
             run.algorithm.name(),
             run.median_us,
             run.stats.nodes_visited,

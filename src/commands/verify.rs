@@ -1,4 +1,4 @@
-//! `mullion verify`: proves on this machine, with this GPU, that culling changes no picture.
+//! `mullion verify`: proves on this machine that culling drops nothing and, with this GPU, that it changes no picture.
 
 use std::path::{Path, PathBuf};
 
@@ -7,8 +7,10 @@ use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_server::cull::Algorithm;
 
 use super::prepare::HowToPrepare;
-use crate::files::{open_scene, write_json};
+use crate::cull_cases::{self, Report};
+use crate::files::{claim, is_standard_output, open_scene, write_json};
 use crate::pixels::{self, Grid, SceneVerdict};
+use crate::progress::Progress;
 use crate::say::say;
 
 /// What to verify.
@@ -23,7 +25,24 @@ enum What {
     /// Every tile drawn from its visible set equals the tile drawn from the whole scene, bit for bit, and the tiles
     /// together are the picture of the whole wall.
     Pixels(PixelOptions),
+    /// Every algorithm against the exact answer, on random scenes, walls and poses: nothing that a view sees is dropped.
+    Cull(CullOptions),
 }
+
+#[derive(clap::Args)]
+struct CullOptions {
+    /// Go on until so many pairs of a leaf and a view have been looked at.
+    #[arg(long, default_value_t = 10_000_000, value_parser = clap::value_parser!(u64).range(1..=MAX_CASES))]
+    cases: u64,
+    /// Where the random rounds start; each round that fails names its own.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write what was found (JSON; `-` for standard output).
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+const MAX_CASES: u64 = 1_000_000_000;
 
 #[derive(clap::Args)]
 struct PixelOptions {
@@ -50,7 +69,60 @@ struct PixelOptions {
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
-    let What::Pixels(options) = &options.what;
+    match &options.what {
+        What::Pixels(options) => verify_pixels(options),
+        What::Cull(options) => verify_cull(options),
+    }
+}
+
+fn verify_cull(options: &CullOptions) -> Result<()> {
+    if let Some(path) = &options.json {
+        claim(path)?;
+    }
+    let progress = Progress::new();
+    let report = cull_cases::verify(options.seed, options.cases, &|cases| progress.show("cases", cases, options.cases));
+    progress.finish();
+    let report = report?;
+    if !options.json.as_deref().is_some_and(is_standard_output) {
+        print_report(&report);
+    }
+    if let Some(path) = &options.json {
+        write_json(&report, path)?;
+    }
+    let failed: Vec<&str> = report.contestants.iter().filter(|c| c.dropped > 0).map(|c| c.name.as_str()).collect();
+    match report.drops.first() {
+        None => Ok(()),
+        Some(drop) => Err(anyhow!(
+            "leaves that a view sees were dropped by {}; again with: mullion verify cull --seed {} --cases 1",
+            failed.join(", "),
+            drop.seed
+        )),
+    }
+}
+
+fn print_report(report: &Report) {
+    let share = report.visible as f64 * 100.0 / report.cases.max(1) as f64;
+    say!(
+        "{} cases in {} rounds of {} frames from seed {}: {} visible ({share:.1}%)",
+        report.cases,
+        report.rounds,
+        report.frames,
+        report.seed,
+        report.visible
+    );
+    say!("{:30} {:>12} {:>8} {:>9}", "algorithm", "found", "dropped", "excess");
+    for c in &report.contestants {
+        say!("{:30} {:12} {:8} {:8.3}%", c.name, c.found, c.dropped, c.excess_percent);
+    }
+    for drop in &report.drops {
+        say!("dropped by {} in frame {} of the round with seed {}", drop.contestant, drop.frame, drop.seed);
+        say!("  scene: {}; room: {}", drop.scene, drop.room);
+        say!("  leaf {}: {:?}", drop.leaf, drop.bound);
+        say!("  view {}: eye {:?}, rays {:?}, planes {:?}", drop.view, drop.eye, drop.rays, drop.planes);
+    }
+}
+
+fn verify_pixels(options: &PixelOptions) -> Result<()> {
     let mut scenes = options.scenes.clone();
     if let Some(folder) = &options.models {
         scenes.extend(scenes_in(folder)?);

@@ -2,7 +2,7 @@
 
 use mullion_common::geometry::Containment;
 use mullion_common::scene::ObjectHierarchy;
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::CullStats;
 use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guard};
@@ -26,6 +26,23 @@ pub(super) fn cull(
     sets: &mut [VisibleSet],
 ) -> CullStats {
     let mut stats = CullStats::default();
+    for_each_in_primary(hierarchy, frusta, open, &mut stats, |node, cut, stats| {
+        cull_both(hierarchy, frusta, (node, cut), stack, descent, sets, stats);
+    });
+    // Where views overlap, a view may have been reached on two ways, and its ranges stand out of order.
+    sets.iter_mut().for_each(VisibleSet::normalize);
+    stats
+}
+
+/// The first level: calls `meet` for the largest nodes that no plane of the primary frustum cuts, and for leaves that one
+/// does, each with the planes that cut it; in ascending order.
+pub(super) fn for_each_in_primary(
+    hierarchy: &ObjectHierarchy,
+    frusta: &FrustumHierarchy,
+    open: &mut Vec<Open>,
+    stats: &mut CullStats,
+    mut meet: impl FnMut(u32, u8, &mut CullStats),
+) {
     let nodes = hierarchy.nodes();
     let primary = frusta.primary();
     let all_primary = ((1u32 << primary.len()) - 1) as u8;
@@ -38,11 +55,11 @@ pub(super) fn cull(
         let node = &nodes[at as usize];
         stats.nodes_visited += 1;
         let mask = open.last().map_or(all_primary, |(_, mask)| *mask);
-        let cut = oh::cut_planes(|k| (&primary[k].0, primary[k].1), mask, &node.bound, &mut stats);
+        let cut = oh::cut_planes(|k| (&primary[k].0, primary[k].1), mask, &node.bound, stats);
         at = match cut {
             None => node.subtree_end,
             Some(cut) if cut == 0 || node.subtree_end == at + 1 => {
-                cull_both(hierarchy, frusta, (at, cut), stack, descent, sets, &mut stats);
+                meet(at, cut, stats);
                 node.subtree_end
             }
             Some(cut) => {
@@ -51,9 +68,6 @@ pub(super) fn cull(
             }
         };
     }
-    // Where views overlap, a view may have been reached on two ways, and its ranges stand out of order.
-    sets.iter_mut().for_each(VisibleSet::normalize);
-    stats
 }
 
 /// A node of the object hierarchy, one of the frustum hierarchy that it meets, and what is known of the two.
@@ -82,22 +96,17 @@ pub(super) fn cull_both(
     stack.push(Pair { oh: node, fh: 0, depth: 0, parted: 0 });
     while let Some(pair) = stack.pop() {
         match *frusta.node(pair.fh) {
-            FrustumNode::Views { start, end } => {
-                for (view, guards) in frusta.views_of(start, end) {
-                    let untested = |guard: &Guard| match guard {
-                        Guard::None => true,
-                        Guard::Primary(k) => primary_cut & (1 << k) != 0,
-                        Guard::Split(depth) => pair.parted & (1 << depth) == 0,
-                    };
-                    let mask = (0..5).filter(|k| untested(&guards[*k])).fold(0, |mask, k| mask | (1 << k));
-                    let set = &mut sets[usize::from(view)];
-                    let frustum = &frusta.views()[usize::from(view)];
-                    oh::descend(hierarchy, pair.oh, frustum, mask, descent, stats, &mut |leaves| set.push_unordered(leaves));
+            FrustumNode::Cells { start, end } => {
+                for (cell, guards) in frusta.cells_of(start, end) {
+                    let mask = untested_planes(guards, primary_cut, pair.parted);
+                    let frustum = &frusta.cells()[usize::from(cell)];
+                    let views = frusta.views_through(cell);
+                    oh::descend(hierarchy, pair.oh, frustum, mask, descent, stats, &mut |leaves| emit(sets, views, leaves));
                 }
             }
-            FrustumNode::Split { view, side, negative, positive } => {
+            FrustumNode::Split { cell, side, negative, positive } => {
                 let current = &hierarchy.nodes()[pair.oh as usize];
-                let frustum = &frusta.views()[usize::from(view)];
+                let frustum = &frusta.cells()[usize::from(cell)];
                 stats.nodes_visited += 1;
                 stats.plane_tests += 1;
                 let depth = pair.depth + 1;
@@ -121,5 +130,22 @@ pub(super) fn cull_both(
                 }
             }
         }
+    }
+}
+
+/// The planes of a cell that no test on the way has settled, a bit each.
+pub(super) fn untested_planes(guards: &[Guard; 5], primary_cut: u8, parted: u32) -> u8 {
+    let is_untested = |guard: &Guard| match guard {
+        Guard::None => true,
+        Guard::Primary(k) => primary_cut & (1 << k) != 0,
+        Guard::Split(depth) => parted & (1 << depth) == 0,
+    };
+    (0..5).filter(|k| is_untested(&guards[*k])).fold(0, |mask, k| mask | (1 << k))
+}
+
+/// Adds leaves to the sets of all `views`.
+pub(super) fn emit(sets: &mut [VisibleSet], views: &[u16], leaves: LeafRange) {
+    for view in views {
+        sets[usize::from(*view)].push_unordered(leaves);
     }
 }

@@ -3,19 +3,24 @@
 //! Any set of views makes one: a grid seen from one eye, the walls of a CAVE, projectors that overlap, several eyes. The
 //! bisection planes are sides of the views' own frusta, chosen so that the halves are about equal and few views are on
 //! both sides. A view that a plane cuts stands below both halves. Views that no plane parts well share a node.
+//!
+//! What the tree parts are *cells*: the views themselves or, where overlaps are to have frusta of their own
+//! ([`Overlap::OwnFrusta`]), parts of views that do not overlap, each of which may belong to several views.
 
 use glam::{DAffine3, DVec3};
 use mullion_common::geometry::{Containment, Frustum, FrustumSide, Plane};
 
+use super::overlap::{Cells, Overlap};
+
 /// A node of the frustum hierarchy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrustumNode {
-    /// Views to be tested one by one: `start..end` in the list of views.
+    /// Cells to be tested one by one: `start..end` in the list of cells.
     #[allow(missing_docs)]
-    Views { start: u32, end: u32 },
-    /// A bisection plane: one side of one view's frustum, and the nodes in its two half-spaces.
+    Cells { start: u32, end: u32 },
+    /// A bisection plane: one side of one cell's frustum, and the nodes in its two half-spaces.
     #[allow(missing_docs)]
-    Split { view: u16, side: FrustumSide, negative: u32, positive: u32 },
+    Split { cell: u16, side: FrustumSide, negative: u32, positive: u32 },
 }
 
 /// The views of a wall as a tree. Built in room space, where it changes only when an eye moves; placed in the world each
@@ -25,14 +30,18 @@ pub struct FrustumHierarchy {
     room: Vec<Frustum>,
     /// By `ViewId`, in the world.
     world: Vec<Frustum>,
+    /// The cells, where they are not the views.
+    cells: Option<Cells>,
+    /// Each view's number: the views of a cell that is a view.
+    numbers: Vec<u16>,
     /// Node 0 is the root.
     nodes: Vec<FrustumNode>,
-    /// Below each node: range in `members`. Views of a `Views` node stand there too.
+    /// Below each node: range in `members`. Cells of a `Cells` node stand there too.
     below: Vec<(u32, u32)>,
     members: Vec<u16>,
-    /// For each entry of `members` that stands below a `Views` node, what has tested its view's planes before.
+    /// For each entry of `members` that stands below a `Cells` node, what has tested its cell's planes before.
     guards: Vec<[Guard; 5]>,
-    /// Sides of views' frusta that have all views inside.
+    /// Sides of cells' frusta that have all cells inside.
     primary_sides: Vec<(u16, FrustumSide)>,
     /// The same in the world, with the eye of each.
     primary: Vec<(Plane, DVec3)>,
@@ -44,7 +53,7 @@ pub struct FrustumHierarchy {
 /// Which earlier test tells that a node is inside a view's plane, so that the terminal check can leave it out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guard {
-    /// None: the plane is the view's alone.
+    /// None: the plane is the cell's alone.
     None,
     /// The plane of the primary frustum with this index.
     Primary(u8),
@@ -64,11 +73,12 @@ const ALL_SIDES: [FrustumSide; 5] =
 
 impl FrustumHierarchy {
     /// Builds the hierarchy of views given in room space, one or more, by `ViewId`.
-    pub fn new(room: Vec<Frustum>) -> Self {
-        let world = room.clone();
+    pub fn new(room: Vec<Frustum>, overlap: Overlap) -> Self {
         let mut hierarchy = Self {
+            world: room.clone(),
+            cells: (overlap == Overlap::OwnFrusta).then(|| Cells::new(&room)),
+            numbers: (0..room.len() as u16).collect(),
             room,
-            world,
             nodes: Vec::new(),
             below: Vec::new(),
             members: Vec::new(),
@@ -87,7 +97,8 @@ impl FrustumHierarchy {
     pub fn update(&mut self, room: impl Iterator<Item = Frustum>) {
         self.room.clear();
         self.room.extend(room);
-        if self.still_parts() {
+        let has_same_cells = self.cells.as_mut().is_none_or(|cells| cells.update(&self.room));
+        if has_same_cells && self.still_parts() {
             self.find_all_guards();
         } else {
             self.build();
@@ -99,9 +110,13 @@ impl FrustumHierarchy {
         for (world, room) in self.world.iter_mut().zip(&self.room) {
             *world = room.transformed(world_from_room);
         }
+        if let Some(cells) = &mut self.cells {
+            cells.place(world_from_room);
+        }
+        let cells = self.cells.as_ref().map_or(&self.world[..], Cells::world);
         self.primary.clear();
-        self.primary.extend(self.primary_sides.iter().map(|(view, side)| {
-            let frustum = &self.world[usize::from(*view)];
+        self.primary.extend(self.primary_sides.iter().map(|(cell, side)| {
+            let frustum = &cells[usize::from(*cell)];
             (*frustum.plane(*side), frustum.eye)
         }));
     }
@@ -121,6 +136,19 @@ impl FrustumHierarchy {
         &self.world
     }
 
+    /// The cells' frusta in the world.
+    pub fn cells(&self) -> &[Frustum] {
+        self.cells.as_ref().map_or(&self.world, Cells::world)
+    }
+
+    /// The views that see all that a cell sees.
+    pub fn views_through(&self, cell: u16) -> &[u16] {
+        match &self.cells {
+            Some(cells) => cells.views_through(cell),
+            None => &self.numbers[usize::from(cell)..=usize::from(cell)],
+        }
+    }
+
     /// The planes of the primary frustum in the world, with the eye of each: they have all views inside. Few or none
     /// where the views look all around.
     pub fn primary(&self) -> &[(Plane, DVec3)] {
@@ -132,8 +160,8 @@ impl FrustumHierarchy {
         &self.nodes[id as usize]
     }
 
-    /// The views of a [`FrustumNode::Views`], and for each of its planes (by [`FrustumSide`]) what tested it before.
-    pub fn views_of(&self, start: u32, end: u32) -> impl Iterator<Item = (u16, &[Guard; 5])> {
+    /// The cells of a [`FrustumNode::Cells`], and for each of its planes (by [`FrustumSide`]) what tested it before.
+    pub fn cells_of(&self, start: u32, end: u32) -> impl Iterator<Item = (u16, &[Guard; 5])> {
         let range = start as usize..end as usize;
         self.members[range.clone()].iter().copied().zip(&self.guards[range])
     }
@@ -143,32 +171,37 @@ impl FrustumHierarchy {
         self.nodes.clear();
         self.below.clear();
         self.members.clear();
-        let all: Vec<u16> = (0..self.room.len() as u16).collect();
-        self.primary_sides = primary_sides(&self.room);
+        let all: Vec<u16> = (0..self.room_cells().len() as u16).collect();
+        self.primary_sides = primary_sides(self.room_cells());
         self.build_node(&all, 0);
         self.guards = vec![[Guard::None; 5]; self.members.len()];
         self.find_all_guards();
     }
 
-    /// Adds the node over `views`. Never deeper than [`MAX_DEPTH`]: each split leaves at most three quarters.
-    fn build_node(&mut self, views: &[u16], depth: u32) -> u32 {
+    /// The cells' frusta in room space.
+    fn room_cells(&self) -> &[Frustum] {
+        self.cells.as_ref().map_or(&self.room, Cells::room)
+    }
+
+    /// Adds the node over `cells`. Never deeper than [`MAX_DEPTH`]: each split leaves at most three quarters.
+    fn build_node(&mut self, cells: &[u16], depth: u32) -> u32 {
         let id = self.nodes.len() as u32;
         let start = self.members.len() as u32;
-        self.members.extend_from_slice(views);
+        self.members.extend_from_slice(cells);
         let end = self.members.len() as u32;
         self.below.push((start, end));
-        self.nodes.push(FrustumNode::Views { start, end });
-        let split = if depth < MAX_DEPTH { best_split(&self.room, views) } else { None };
-        if let Some((view, side)) = split {
-            let plane = *self.room[usize::from(view)].plane(side);
+        self.nodes.push(FrustumNode::Cells { start, end });
+        let split = if depth < MAX_DEPTH { best_split(self.room_cells(), cells) } else { None };
+        if let Some((cell, side)) = split {
+            let room = self.room_cells();
+            let plane = *room[usize::from(cell)].plane(side);
             let on = |wrong: Containment| {
-                let room = &self.room;
-                views.iter().copied().filter(|v| side_of(&room[usize::from(*v)], &plane) != wrong).collect::<Vec<_>>()
+                cells.iter().copied().filter(|c| side_of(&room[usize::from(*c)], &plane) != wrong).collect::<Vec<_>>()
             };
             let (below, beyond) = (on(Containment::Inside), on(Containment::Outside));
             let negative = self.build_node(&below, depth + 1);
             let positive = self.build_node(&beyond, depth + 1);
-            self.nodes[id as usize] = FrustumNode::Split { view, side, negative, positive };
+            self.nodes[id as usize] = FrustumNode::Split { cell, side, negative, positive };
         }
         id
     }
@@ -180,16 +213,16 @@ impl FrustumHierarchy {
         self.above = above;
     }
 
-    /// Finds the guards of all views below `node`, whose ancestors' planes are `above`, positive on its side.
+    /// Finds the guards of all cells below `node`, whose ancestors' planes are `above`, positive on its side.
     fn find_guards(&mut self, node: u32, above: &mut Vec<Plane>) {
         match self.nodes[node as usize] {
-            FrustumNode::Views { start, end } => {
+            FrustumNode::Cells { start, end } => {
                 for at in start as usize..end as usize {
                     self.guards[at] = self.guards_of(self.members[at], above);
                 }
             }
-            FrustumNode::Split { view, side, negative, positive } => {
-                let plane = *self.room[usize::from(view)].plane(side);
+            FrustumNode::Split { cell, side, negative, positive } => {
+                let plane = *self.room_cells()[usize::from(cell)].plane(side);
                 for (child, plane) in [(negative, plane.flipped()), (positive, plane)] {
                     above.push(plane);
                     self.find_guards(child, above);
@@ -199,11 +232,12 @@ impl FrustumHierarchy {
         }
     }
 
-    fn guards_of(&self, view: u16, above: &[Plane]) -> [Guard; 5] {
-        let frustum = &self.room[usize::from(view)];
+    fn guards_of(&self, cell: u16, above: &[Plane]) -> [Guard; 5] {
+        let room = self.room_cells();
+        let frustum = &room[usize::from(cell)];
         ALL_SIDES.map(|side| {
             let plane = frustum.plane(side);
-            let primary = |(v, s): &(u16, FrustumSide)| same_plane(self.room[usize::from(*v)].plane(*s), plane);
+            let primary = |(c, s): &(u16, FrustumSide)| same_plane(room[usize::from(*c)].plane(*s), plane);
             if let Some(k) = self.primary_sides.iter().position(primary) {
                 return Guard::Primary(k as u8);
             }
@@ -212,41 +246,42 @@ impl FrustumHierarchy {
         })
     }
 
-    /// Whether every view still lies where the tree has it, and the primary planes still hold all views.
+    /// Whether every cell still lies where the tree has it, and the primary planes still hold all cells.
     fn still_parts(&self) -> bool {
+        let room = self.room_cells();
         let stray = |child: u32, plane: &Plane, right: Containment, sibling: u32| {
             let list = |node: u32| {
                 let (start, end) = self.below[node as usize];
                 &self.members[start as usize..end as usize]
             };
-            list(child).iter().any(|view| {
+            list(child).iter().any(|cell| {
                 // Below both children it may lie anywhere.
-                side_of(&self.room[usize::from(*view)], plane) != right && !list(sibling).contains(view)
+                side_of(&room[usize::from(*cell)], plane) != right && !list(sibling).contains(cell)
             })
         };
         let splits_hold = self.nodes.iter().all(|node| match *node {
-            FrustumNode::Views { .. } => true,
-            FrustumNode::Split { view, side, negative, positive } => {
-                let plane = self.room[usize::from(view)].plane(side);
+            FrustumNode::Cells { .. } => true,
+            FrustumNode::Split { cell, side, negative, positive } => {
+                let plane = room[usize::from(cell)].plane(side);
                 !stray(negative, plane, Containment::Outside, positive) && !stray(positive, plane, Containment::Inside, negative)
             }
         });
-        splits_hold && self.primary_sides.iter().all(|(view, side)| holds_all(&self.room, *view, *side))
+        splits_hold && self.primary_sides.iter().all(|(cell, side)| holds_all(room, *cell, *side))
     }
 }
 
-/// The plane that halves `views` best, if one does: neither side keeps more than three quarters, and both sides
+/// The plane that halves `cells` best, if one does: neither side keeps more than three quarters, and both sides
 /// together hold at most half as many again.
-fn best_split(room: &[Frustum], views: &[u16]) -> Option<(u16, FrustumSide)> {
-    if views.len() < 2 {
+fn best_split(room: &[Frustum], cells: &[u16]) -> Option<(u16, FrustumSide)> {
+    if cells.len() < 2 {
         return None;
     }
     let mut best: Option<(usize, (u16, FrustumSide))> = None;
-    for (view, side) in views.iter().flat_map(|v| FrustumSide::AROUND_EYE.map(|side| (*v, side))) {
-        let plane = room[usize::from(view)].plane(side);
+    for (cell, side) in cells.iter().flat_map(|c| FrustumSide::AROUND_EYE.map(|side| (*c, side))) {
+        let plane = room[usize::from(cell)].plane(side);
         let (mut negative, mut positive) = (0, 0);
-        for v in views {
-            match side_of(&room[usize::from(*v)], plane) {
+        for c in cells {
+            match side_of(&room[usize::from(*c)], plane) {
                 Containment::Outside => negative += 1,
                 Containment::Inside => positive += 1,
                 Containment::Cut => {
@@ -256,10 +291,10 @@ fn best_split(room: &[Frustum], views: &[u16]) -> Option<(u16, FrustumSide)> {
             }
         }
         let larger = usize::max(negative, positive);
-        let halves = larger * 4 <= views.len() * 3 || (views.len() <= 3 && larger < views.len());
+        let halves = larger * 4 <= cells.len() * 3 || (cells.len() <= 3 && larger < cells.len());
         let cost = larger * 2 + negative + positive;
-        if halves && (negative + positive) * 2 <= views.len() * 3 && best.is_none_or(|(least, _)| cost < least) {
-            best = Some((cost, (view, side)));
+        if halves && (negative + positive) * 2 <= cells.len() * 3 && best.is_none_or(|(least, _)| cost < least) {
+            best = Some((cost, (cell, side)));
         }
     }
     best.map(|(_, split)| split)

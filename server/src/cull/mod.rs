@@ -4,11 +4,15 @@
 //! (Nirnimesh, Harish, Narayanan 2006, section 4.2); the others are what it is held against.
 
 mod adaptive;
+mod adaptive_grouped;
 mod fh;
 mod frustum_hierarchy;
 mod naive;
 mod oh;
 mod oh_plain;
+pub mod oracle;
+mod overlap;
+pub mod shadow;
 mod sweep;
 
 use std::fmt;
@@ -21,6 +25,7 @@ use mullion_common::wall::{ViewId, Wall};
 use crate::tree::{CullTree, TreeForm};
 
 pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guard};
+pub use overlap::Overlap;
 
 /// How to cull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,13 +41,17 @@ pub enum Algorithm {
     Fh,
     /// Both hierarchies together, each unfolded where it pays: "adaptive OH and FH".
     Adaptive,
+    /// The same with pseudo-groups: what lies on one side of a bisection plane goes on as one. For nodes of very many
+    /// children.
+    AdaptiveGrouped,
     /// One walk of the wide tree for a whole grid of tiles: ours, and the fastest.
     Sweep,
 }
 
 impl Algorithm {
     /// All of them.
-    pub const ALL: [Self; 6] = [Self::Naive, Self::OhPlain, Self::Fh, Self::Oh, Self::Adaptive, Self::Sweep];
+    pub const ALL: [Self; 7] =
+        [Self::Naive, Self::OhPlain, Self::Fh, Self::Oh, Self::Adaptive, Self::AdaptiveGrouped, Self::Sweep];
 
     /// As users write it.
     pub fn name(self) -> &'static str {
@@ -52,6 +61,7 @@ impl Algorithm {
             Self::Fh => "fh",
             Self::Oh => "oh",
             Self::Adaptive => "adaptive",
+            Self::AdaptiveGrouped => "adaptive-grouped",
             Self::Sweep => "sweep",
         }
     }
@@ -106,13 +116,14 @@ pub struct Culler {
     open: Vec<oh::Open>,
     /// A set with leaves that are gone, on its way to one without.
     with_removed: VisibleSet,
+    groups: adaptive_grouped::Memory,
 }
 
 impl Culler {
     /// A culler for a wall.
     pub fn new(algorithm: Algorithm, wall: &Wall) -> Self {
         let room_eyes = wall.default_eyes();
-        let frusta = FrustumHierarchy::new(room_frusta(wall, &room_eyes));
+        let frusta = FrustumHierarchy::new(room_frusta(wall, &room_eyes), Overlap::default());
         let sweeper = sweep::Sweeper::new(frusta.views());
         Self {
             algorithm,
@@ -123,6 +134,7 @@ impl Culler {
             descent: Vec::new(),
             open: Vec::new(),
             with_removed: VisibleSet::default(),
+            groups: adaptive_grouped::Memory::default(),
         }
     }
 
@@ -140,6 +152,14 @@ impl Culler {
     #[must_use]
     pub fn with_slack(mut self, is_used: bool) -> Self {
         self.sweeper.set_slack(is_used);
+        self
+    }
+
+    /// How [`Algorithm::Fh`], [`Algorithm::Adaptive`] and [`Algorithm::AdaptiveGrouped`] treat views that overlap; the other
+    /// algorithms have no frustum hierarchy.
+    #[must_use]
+    pub fn with_overlap(mut self, overlap: Overlap) -> Self {
+        self.frusta = FrustumHierarchy::new(self.frusta.room().to_vec(), overlap);
         self
     }
 
@@ -196,6 +216,7 @@ impl Culler {
                 let memory = (&mut self.open, &mut self.stack, &mut self.descent);
                 adaptive::cull(hierarchy, &self.frusta, memory, sets)
             }
+            Algorithm::AdaptiveGrouped => adaptive_grouped::cull(hierarchy, &self.frusta, &mut self.open, &mut self.groups, sets),
         }
     }
 }

@@ -1,0 +1,206 @@
+//! The paper's adaptive traversal with pseudo-groups (section 4.2).
+
+use mullion_common::geometry::{Aabb, Containment, Obb, Plane};
+use mullion_common::scene::ObjectHierarchy;
+use mullion_common::visible_set::VisibleSet;
+
+use glam::DVec3;
+
+use super::CullStats;
+use super::adaptive::{emit, for_each_in_primary, untested_planes};
+use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode};
+use super::oh::{self, Open};
+
+/// Fewer nodes on one side of a plane go on one by one: a group's box costs about as much as two tests.
+const LEAST_GROUP: usize = 3;
+
+/// Culls the object hierarchy to the frustum hierarchy as `adaptive` does, but for what happens to the children of a node
+/// that a bisection plane cuts: those that lie on one side of it (the paper's L, and its R) go on as one *pseudo-group*,
+/// with a box around theirs. A group is tested as a node is, and comes apart where a plane cuts it; its members are then
+/// classified and grouped anew. Pays where nodes have very many children.
+///
+/// As conservative as `adaptive`: a group's box encloses its members', and is axis-aligned.
+pub(super) fn cull(
+    hierarchy: &ObjectHierarchy,
+    frusta: &FrustumHierarchy,
+    open: &mut Vec<Open>,
+    memory: &mut Memory,
+    sets: &mut [VisibleSet],
+) -> CullStats {
+    let mut stats = CullStats::default();
+    for_each_in_primary(hierarchy, frusta, open, &mut stats, |node, primary_cut, stats| {
+        Traversal { hierarchy, frusta, primary_cut, memory, sets, stats }.run(node);
+    });
+    sets.iter_mut().for_each(VisibleSet::normalize);
+    stats
+}
+
+/// What a traversal needs, kept from frame to frame.
+#[derive(Default)]
+pub(super) struct Memory {
+    stack: Vec<Meeting>,
+    /// Nodes in groups, group after group; those of the topmost of the stack stand last.
+    members: Vec<u32>,
+    /// Nodes of which one side is known: the negative one, the positive one.
+    sides: [Vec<u32>; 2],
+    descent: Vec<Open>,
+}
+
+/// What meets a node of the frustum hierarchy.
+#[derive(Clone, Copy)]
+enum Party {
+    /// A node of the object hierarchy.
+    Node(u32),
+    /// One with children that the bisection plane is known to cut.
+    CutNode(u32),
+    /// A pseudo-group: `start..end` of the members, and a box around them.
+    Group { start: u32, end: u32, bound: Obb },
+}
+
+/// A node or a group, a node of the frustum hierarchy that it meets, and what is known of the two.
+#[derive(Clone, Copy)]
+struct Meeting {
+    party: Party,
+    fh: u32,
+    /// Depth of the frustum hierarchy's node.
+    depth: u8,
+    /// Bit d: the party is wholly on this side of the bisection plane of the ancestor at depth d.
+    parted: u32,
+    /// How many members of groups there were when this was put off.
+    members: u32,
+}
+
+struct Traversal<'a> {
+    hierarchy: &'a ObjectHierarchy,
+    frusta: &'a FrustumHierarchy,
+    /// The planes of the primary frustum that cut the node where the traversal starts.
+    primary_cut: u8,
+    memory: &'a mut Memory,
+    sets: &'a mut [VisibleSet],
+    stats: &'a mut CullStats,
+}
+
+impl Traversal<'_> {
+    fn run(&mut self, node: u32) {
+        self.memory.stack.clear();
+        self.memory.stack.push(Meeting { party: Party::Node(node), fh: 0, depth: 0, parted: 0, members: 0 });
+        while let Some(meeting) = self.memory.stack.pop() {
+            self.memory.members.truncate(meeting.members as usize);
+            match *self.frusta.node(meeting.fh) {
+                FrustumNode::Cells { start, end } => self.check(&meeting, start, end),
+                FrustumNode::Split { cell, side, negative, positive } => {
+                    let frustum = &self.frusta.cells()[usize::from(cell)];
+                    self.part(meeting, frustum.plane(side), frustum.eye, [negative, positive]);
+                }
+            }
+        }
+    }
+
+    /// The terminal check: emits what the cells may see, tested against the planes that nothing on the way has settled.
+    fn check(&mut self, meeting: &Meeting, start: u32, end: u32) {
+        let Self { hierarchy, frusta, primary_cut, memory, sets, stats } = self;
+        let Memory { members, descent, .. } = memory;
+        for (cell, guards) in frusta.cells_of(start, end) {
+            let mask = untested_planes(guards, *primary_cut, meeting.parted);
+            let frustum = &frusta.cells()[usize::from(cell)];
+            let views = frusta.views_through(cell);
+            let mut descend = |node, mask, stats: &mut CullStats| {
+                oh::descend(hierarchy, node, frustum, mask, descent, stats, &mut |leaves| emit(sets, views, leaves));
+            };
+            match &meeting.party {
+                Party::Node(node) | Party::CutNode(node) => descend(*node, mask, stats),
+                Party::Group { start, end, bound } => {
+                    stats.nodes_visited += 1;
+                    let cut = oh::cut_planes(|k| (&frustum.planes[k], frustum.eye), mask, bound, stats);
+                    // A member that no plane cuts any more is emitted without a test.
+                    for member in cut.iter().flat_map(|_| &members[*start as usize..*end as usize]) {
+                        descend(*member, cut.unwrap_or_default(), stats);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Sends a party on to one side of a bisection plane, or takes it apart.
+    fn part(&mut self, meeting: Meeting, plane: &Plane, eye: DVec3, halves: [u32; 2]) {
+        let nodes = self.hierarchy.nodes();
+        let containment = match &meeting.party {
+            Party::CutNode(_) => Containment::Cut,
+            Party::Node(node) => self.classify(&nodes[*node as usize].bound, plane, eye),
+            Party::Group { bound, .. } => self.classify(bound, plane, eye),
+        };
+        match (containment, meeting.party) {
+            (Containment::Outside, party) => self.meet(party, &meeting, halves[0], true),
+            (Containment::Inside, party) => self.meet(party, &meeting, halves[1], true),
+            (Containment::Cut, Party::Group { start, end, .. }) => {
+                for member in start..end {
+                    let node = self.memory.members[member as usize];
+                    self.sort(node, &meeting, plane, eye, halves);
+                }
+                self.regroup(&meeting, halves);
+            }
+            (Containment::Cut, Party::Node(node) | Party::CutNode(node)) => {
+                let end = nodes[node as usize].subtree_end;
+                if end == node + 1 {
+                    halves.into_iter().for_each(|half| self.meet(meeting.party, &meeting, half, false));
+                    return;
+                }
+                let mut child = node + 1;
+                while child < end {
+                    self.sort(child, &meeting, plane, eye, halves);
+                    child = nodes[child as usize].subtree_end;
+                }
+                self.regroup(&meeting, halves);
+            }
+        }
+    }
+
+    /// Classifies a node as the paper's L, C or R. L and R are kept for [`Traversal::regroup`]; a leaf of C goes to both halves, another node
+    /// comes apart by the same plane.
+    fn sort(&mut self, node: u32, meeting: &Meeting, plane: &Plane, eye: DVec3, halves: [u32; 2]) {
+        let current = &self.hierarchy.nodes()[node as usize];
+        match self.classify(&current.bound, plane, eye) {
+            Containment::Outside => self.memory.sides[0].push(node),
+            Containment::Inside => self.memory.sides[1].push(node),
+            Containment::Cut if current.subtree_end == node + 1 => {
+                halves.into_iter().for_each(|half| self.meet(Party::Node(node), meeting, half, false));
+            }
+            Containment::Cut => {
+                let members = self.memory.members.len() as u32;
+                self.memory.stack.push(Meeting { party: Party::CutNode(node), members, ..*meeting });
+            }
+        }
+    }
+
+    /// Sends L and R on, each as a group where it is worth one.
+    fn regroup(&mut self, meeting: &Meeting, halves: [u32; 2]) {
+        let nodes = self.hierarchy.nodes();
+        for (side, half) in halves.into_iter().enumerate() {
+            let list = std::mem::take(&mut self.memory.sides[side]);
+            if list.len() < LEAST_GROUP {
+                list.iter().for_each(|node| self.meet(Party::Node(*node), meeting, half, true));
+            } else {
+                let around = list.iter().fold(Aabb::EMPTY, |all, node| all.union(&nodes[*node as usize].bound.aabb()));
+                let start = self.memory.members.len() as u32;
+                self.memory.members.extend_from_slice(&list);
+                let end = self.memory.members.len() as u32;
+                self.meet(Party::Group { start, end, bound: around.into() }, meeting, half, true);
+            }
+            self.memory.sides[side] = list;
+            self.memory.sides[side].clear();
+        }
+    }
+
+    /// Puts a party off until it meets a half of the frustum hierarchy, on one side of whose plane it `is_parted`.
+    fn meet(&mut self, party: Party, above: &Meeting, fh: u32, is_parted: bool) {
+        let parted = above.parted | (u32::from(is_parted) << above.depth);
+        let members = self.memory.members.len() as u32;
+        self.memory.stack.push(Meeting { party, fh, depth: above.depth + 1, parted, members });
+    }
+
+    fn classify(&mut self, bound: &Obb, plane: &Plane, eye: DVec3) -> Containment {
+        self.stats.nodes_visited += 1;
+        self.stats.plane_tests += 1;
+        plane.classify(bound, eye)
+    }
+}

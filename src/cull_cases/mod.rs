@@ -1,0 +1,287 @@
+//! `mullion verify cull`: every algorithm against the exact answer, on random scenes, rooms and poses.
+//!
+//! A *round* is a scene, a room, and a few frames, all made from one seed; between frames the scene may be edited, the
+//! room moves and heads turn. A *case* is one leaf and one view in one frame. A leaf that the oracle sees and an
+//! algorithm does not is *dropped*: there must be none. What an algorithm has beyond the oracle's is its excess.
+
+mod random;
+mod rooms;
+mod scenes;
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use glam::{DAffine3, DVec3};
+use mullion_common::geometry::{Frustum, Obb};
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::ViewId;
+use mullion_server::cull::{Algorithm, Culler, Overlap, oracle};
+use mullion_server::tree::CullTree;
+use serde::Serialize;
+
+use random::Random;
+use rooms::Room;
+use scenes::{Scene, Shape};
+
+/// Most cases of a frame in an ordinary round: many small rounds see more kinds of things than few large ones.
+const MAX_CASES_A_FRAME: u32 = 60_000;
+const MAX_LEAVES: u32 = 4000;
+/// One round in so many has a scene that is large enough for threads to share.
+const LARGE_ONE_IN: u64 = 16;
+const LARGE_LEAVES: u32 = 36_000;
+const LARGE_VIEWS: u32 = 6;
+const FRAMES: [u32; 4] = [1, 3, 6, 12];
+/// Drops told one by one; the others are only counted.
+const MAX_DROPS_TOLD: usize = 16;
+
+/// What was found.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    pub seed: u64,
+    pub rounds: u64,
+    pub frames: u64,
+    /// Cases that each contestant was given.
+    pub cases: u64,
+    /// Cases in which the view sees the leaf's box.
+    pub visible: u64,
+    pub contestants: Vec<Standing>,
+    pub drops: Vec<Drop>,
+}
+
+/// How one way to cull has done.
+#[derive(Debug, Serialize)]
+pub struct Standing {
+    pub name: String,
+    /// Cases that it says may be visible.
+    pub found: u64,
+    pub dropped: u64,
+    /// What it finds too many, in percent of what is visible.
+    pub excess_percent: f64,
+}
+
+/// A leaf that a view sees, left out.
+#[derive(Debug, Serialize)]
+pub struct Drop {
+    /// Makes this round again, as the first one.
+    pub seed: u64,
+    pub scene: String,
+    pub room: String,
+    pub frame: u32,
+    pub contestant: String,
+    pub leaf: u32,
+    pub view: u16,
+    pub bound: Obb,
+    pub eye: DVec3,
+    pub rays: [DVec3; 4],
+    /// Unit normal and offset of each plane.
+    pub planes: [(DVec3, f64); 5],
+}
+
+/// Runs rounds until `cases` have been seen. `show` is told how many have.
+///
+/// # Errors
+/// When the system gives no second thread.
+pub fn verify(seed: u64, cases: u64, show: &dyn Fn(u64)) -> Result<Report> {
+    let contestants =
+        CONTESTANTS.iter().map(|contestant| Standing { name: contestant.name(), found: 0, dropped: 0, excess_percent: 0.0 });
+    let contestants = contestants.collect();
+    let mut report = Report { seed, rounds: 0, frames: 0, cases: 0, visible: 0, contestants, drops: Vec::new() };
+    while report.cases < cases {
+        let mut round = Round::new(seed.wrapping_add(report.rounds))?;
+        for frame in 0..round.frames {
+            round.check_frame(frame, &mut report);
+            show(report.cases.min(cases));
+        }
+        report.rounds += 1;
+    }
+    for standing in &mut report.contestants {
+        let excess = (standing.found + standing.dropped).saturating_sub(report.visible);
+        standing.excess_percent = excess as f64 * 100.0 / report.visible.max(1) as f64;
+    }
+    Ok(report)
+}
+
+/// A way to cull that is held against the oracle.
+#[derive(Clone, Copy)]
+enum Contestant {
+    Plain(Algorithm),
+    Slack,
+    Threads(usize),
+    OwnFrusta(Algorithm),
+}
+
+const CONTESTANTS: [Contestant; Algorithm::ALL.len() + 4] = {
+    let mut all = [Contestant::Slack; Algorithm::ALL.len() + 4];
+    let mut at = 0;
+    while at < Algorithm::ALL.len() {
+        all[at] = Contestant::Plain(Algorithm::ALL[at]);
+        at += 1;
+    }
+    all[at + 1] = Contestant::Threads(2);
+    all[at + 2] = Contestant::OwnFrusta(Algorithm::Adaptive);
+    all[at + 3] = Contestant::OwnFrusta(Algorithm::AdaptiveGrouped);
+    all
+};
+
+impl Contestant {
+    fn name(self) -> String {
+        match self {
+            Self::Plain(algorithm) => algorithm.to_string(),
+            Self::Slack => "sweep, slack".to_owned(),
+            Self::Threads(threads) => format!("sweep, {threads} threads"),
+            Self::OwnFrusta(algorithm) => format!("{algorithm}, own frusta"),
+        }
+    }
+
+    fn culler(self, room: &Room) -> Result<Culler> {
+        let of = |algorithm| Culler::new(algorithm, room.wall());
+        Ok(match self {
+            Self::Plain(algorithm) => of(algorithm),
+            Self::Slack => of(Algorithm::Sweep).with_slack(true),
+            Self::Threads(threads) => of(Algorithm::Sweep).with_threads(threads)?,
+            Self::OwnFrusta(algorithm) => of(algorithm).with_overlap(Overlap::OwnFrusta),
+        })
+    }
+}
+
+/// Frames of one scene in one room.
+struct Round {
+    seed: u64,
+    random: Random,
+    scene: Scene,
+    tree: CullTree,
+    room: Room,
+    heads: Vec<DVec3>,
+    world_from_room: DAffine3,
+    frames: u32,
+    cullers: Vec<Culler>,
+    exact: Vec<VisibleSet>,
+    found: Vec<VisibleSet>,
+}
+
+impl Round {
+    fn new(seed: u64) -> Result<Self> {
+        let mut random = Random::new(seed);
+        let (scene, room) = if random.chance(LARGE_ONE_IN) {
+            let branching = random.count(2, 40);
+            let shape = random.pick(&[Shape::Compact { branching }, Shape::Spanning { branching }, Shape::Flat]);
+            (Scene::of_shape(&mut random, shape, LARGE_LEAVES), Room::random(&mut random, LARGE_VIEWS))
+        } else {
+            let max_views = random.count(1, 256);
+            let room = Room::random(&mut random, max_views);
+            let views = room.wall().views().len() as u32;
+            (Scene::random(&mut random, (MAX_CASES_A_FRAME / views).min(MAX_LEAVES)), room)
+        };
+        let cullers = CONTESTANTS.iter().map(|contestant| contestant.culler(&room)).collect::<Result<_>>()?;
+        let heads = room.heads(&mut random);
+        let sets = || vec![VisibleSet::default(); room.wall().views().len()];
+        Ok(Self {
+            seed,
+            tree: CullTree::new(Arc::new(scene.hierarchy())),
+            world_from_room: pose(&mut random, &scene, heads[0]),
+            frames: random.pick(&FRAMES),
+            heads,
+            cullers,
+            exact: sets(),
+            found: sets(),
+            random,
+            scene,
+            room,
+        })
+    }
+
+    /// What happens to the scene before a frame: the only place where the tree changes.
+    fn edit_tree(&mut self, frusta: &[Frustum]) {
+        if self.random.chance(3) {
+            return;
+        }
+        if self.random.chance(2) {
+            self.scene.move_some(&mut self.random);
+        } else {
+            self.scene.touch_some(&mut self.random, frusta);
+        }
+        self.tree = CullTree::new(Arc::new(self.scene.hierarchy()));
+    }
+
+    /// The room stands still, goes on a little or jumps, and so do the heads.
+    fn move_on(&mut self) {
+        match self.random.next() % 8 {
+            0 => {}
+            1 => self.world_from_room = pose(&mut self.random, &self.scene, self.heads[0]),
+            _ => {
+                let step_m = self.random.magnitude(1e-5, 1.0) * self.scene.unit_m();
+                let turn = self.random.magnitude(1e-6, 0.1);
+                let turned = DAffine3::from_quat(glam::DQuat::from_scaled_axis(self.random.point(turn)));
+                self.world_from_room.translation += self.random.point(step_m);
+                self.world_from_room.matrix3 *= turned.matrix3;
+            }
+        }
+        match self.random.next() % 4 {
+            0 => {
+                let step_m = self.random.magnitude(1e-5, 0.3);
+                self.heads.iter_mut().for_each(|head| *head += self.random.point(step_m));
+            }
+            1 => self.heads = self.room.heads(&mut self.random),
+            _ => {}
+        }
+    }
+
+    fn check_frame(&mut self, frame: u32, report: &mut Report) {
+        if frame > 0 {
+            self.move_on();
+        }
+        let eyes = self.room.eyes(&self.heads);
+        let frustum = |(view, eye): (usize, &DVec3)| self.room.wall().frustum(ViewId(view as u16), *eye, &self.world_from_room);
+        let frusta: Vec<Frustum> = eyes.iter().enumerate().map(frustum).collect();
+        self.edit_tree(&frusta);
+        for (frustum, set) in frusta.iter().zip(&mut self.exact) {
+            set.clear();
+            oracle::visible_leaves(self.tree.hierarchy(), frustum, set);
+            report.visible += u64::from(set.len());
+        }
+        report.frames += 1;
+        report.cases += u64::from(self.tree.hierarchy().leaf_count()) * frusta.len() as u64;
+        let mut missing = VisibleSet::default();
+        for contestant in 0..self.cullers.len() {
+            let culler = &mut self.cullers[contestant];
+            culler.cull(&self.tree, self.room.wall(), &eyes, &self.world_from_room, &mut self.found);
+            let standing = &mut report.contestants[contestant];
+            let mut first = None;
+            for (view, (found, exact)) in self.found.iter().zip(&self.exact).enumerate() {
+                standing.found += u64::from(found.len());
+                exact.difference_into(found, &mut missing);
+                standing.dropped += u64::from(missing.len());
+                first = first.or_else(|| missing.leaves().next().map(|leaf| (leaf, view)));
+            }
+            let is_told = report.drops.iter().any(|drop| drop.seed == self.seed && drop.contestant == standing.name);
+            if let (Some((leaf, view)), false) = (first, is_told || report.drops.len() >= MAX_DROPS_TOLD) {
+                let contestant = standing.name.clone();
+                report.drops.push(self.drop_of(frame, contestant, leaf, view, &frusta[view]));
+            }
+        }
+    }
+
+    fn drop_of(&self, frame: u32, contestant: String, leaf: u32, view: usize, frustum: &Frustum) -> Drop {
+        Drop {
+            seed: self.seed,
+            scene: self.scene.describe(),
+            room: self.room.describe(),
+            frame,
+            contestant,
+            leaf,
+            view: view as u16,
+            bound: self.scene.leaves()[leaf as usize],
+            eye: frustum.eye,
+            rays: frustum.rays,
+            planes: frustum.planes.map(|plane| (plane.normal, plane.offset_m)),
+        }
+    }
+}
+
+/// Where the room stands: an eye inside a leaf's box, near the scene or off it; of a size from doll's house to city.
+fn pose(random: &mut Random, scene: &Scene, eye: DVec3) -> DAffine3 {
+    let scale = DVec3::splat(random.magnitude(0.1, 20.0) * scene.unit_m());
+    let turned = DAffine3::from_scale_rotation_translation(scale, random.turn(), DVec3::ZERO);
+    let stand = if random.chance(2) { random.pick(scene.leaves()).center } else { scene.point_near(random) };
+    DAffine3 { translation: stand - turned.transform_point3(eye), ..turned }
+}
