@@ -167,9 +167,11 @@ impl VisibleSet {
             // All that overlaps or touches from here on.
             let mut end = start;
             let mut counts = [0; 3];
-            while let Some((list, range)) = [kept, holes, more].iter().enumerate().find_map(|(list, ranges)| {
-                ranges.get(counts[list]).filter(|range| range.start <= end).map(|range| (list, range))
-            }) {
+            while let Some((list, range)) = [kept, holes, more]
+                .iter()
+                .enumerate()
+                .find_map(|(list, ranges)| ranges.get(counts[list]).filter(|range| range.start <= end).map(|range| (list, range)))
+            {
                 end = end.max(range.end);
                 counts[list] += 1;
             }

@@ -382,4 +382,3 @@ fn refine<L: Lanes>(
     }
     Some(refined)
 }
-

@@ -228,7 +228,13 @@ mod tests {
                 for b in numbers {
                     let (wide_a, wide_b) = (l.mul(l.splat(a), bytes), l.splat(b));
                     let product = l.mul(wide_a, wide_b);
-                    for x in [l.add(wide_a, wide_b), l.sub(wide_a, wide_b), product, l.add(product, wide_a), l.min(l.abs(wide_a), wide_b)] {
+                    for x in [
+                        l.add(wide_a, wide_b),
+                        l.sub(wide_a, wide_b),
+                        product,
+                        l.add(product, wide_a),
+                        l.min(l.abs(wide_a), wide_b),
+                    ] {
                         // One NaN is as good as another.
                         for number in l.to_array(x) {
                             bits.push(if number.is_nan() { u32::MAX } else { number.to_bits() });

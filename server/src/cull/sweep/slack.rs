@@ -272,7 +272,8 @@ impl Kernel for Update<'_> {
             }
 
             let boxes = Boxes::of(lanes, node, offset, planes);
-            let mut margins = LeastMargins { least: lanes.splat(boxes.reach_m), last: lanes.splat(0.0), of_lane: [0.0; LANES], unseen: 0 };
+            let mut margins =
+                LeastMargins { least: lanes.splat(boxes.reach_m), last: lanes.splat(0.0), of_lane: [0.0; LANES], unseen: 0 };
             let mut found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut margins, &mut stats);
             let mut of_lane = margins.finish(lanes, found.alive, boxes.reach_m);
             let (was, was_slots) = (kept.found, kept.slots);
@@ -287,11 +288,7 @@ impl Kernel for Update<'_> {
                 }
                 let mut leaf_margin = LeafMargin { least_m: f64::INFINITY };
                 let bit = 1 << lane;
-                let old = if is_known {
-                    was.kept_state(lane, was_slots, node)
-                } else {
-                    State::Unseen
-                };
+                let old = if is_known { was.kept_state(lane, was_slots, node) } else { State::Unseen };
                 let new = if found.alive & bit != 0 {
                     found.state::<L>(lane, slots, node, hierarchy, lattice, &mut leaf_margin, &mut stats)
                 } else {
@@ -336,9 +333,8 @@ fn change(edits: &mut [Edits], lattice: &Lattice, leaves: LeafRange, old: &State
         State::Seen(slots) | State::Open(slots, _) => lattice.cells(*slots),
     };
     let come = if let State::Seen(slots) = new { lattice.cells(*slots) } else { [0; 4] };
-    let has = |cells: &[u16; 4], column: u16, row: u16| {
-        (cells[0]..cells[1]).contains(&column) && (cells[2]..cells[3]).contains(&row)
-    };
+    let has =
+        |cells: &[u16; 4], column: u16, row: u16| (cells[0]..cells[1]).contains(&column) && (cells[2]..cells[3]).contains(&row);
     // Leaves of an open node may be in any of its cells or in none.
     let was_whole = matches!(old, State::Seen(_));
     for_each_cell(&gone, |column, row| {
