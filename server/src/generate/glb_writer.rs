@@ -3,7 +3,7 @@
 //! What there may be millions of (nodes, accessors, instances) is held as plain structs and written once.
 use super::solid::Geometry;
 use bytemuck::{NoUninit, bytes_of};
-use glam::{Quat, Vec2, Vec3};
+use glam::{Mat3, Quat, Vec2, Vec3};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::io::{self, Write};
@@ -61,6 +61,29 @@ impl Place {
         let s = 0.5f32.sqrt();
         let (y, w) = [(0.0, 1.0), (s, s), (1.0, 0.0), (-s, s)][quarters % 4];
         Place { rotation: Quat::from_xyzw(0.0, y, 0.0, w), ..Place::at(translation) }
+    }
+
+    /// Turned about Y by an angle whose half has the tangent `half_tangent`.
+    pub fn yawed(translation: Vec3, half_tangent: f32) -> Place {
+        let w = 1.0 / (1.0 + half_tangent * half_tangent).sqrt();
+        Place { rotation: Quat::from_xyzw(0.0, half_tangent * w, 0.0, w), ..Place::at(translation) }
+    }
+
+    /// +X and +Y of the node lie along `x` and `y`, unit vectors at right angles.
+    pub fn facing(translation: Vec3, x: Vec3, y: Vec3) -> Place {
+        Place { rotation: Quat::from_mat3(&Mat3::from_cols(x, y, x.cross(y))), ..Place::at(translation) }
+    }
+
+    /// From `from` to `to` along +X, +Y upwards as far as that goes; a mesh of one metre gets that length.
+    pub fn between(from: Vec3, to: Vec3, [height, width]: [f32; 2]) -> Place {
+        let along = (to - from).normalize();
+        let side = along.cross(if along.y.abs() > 0.99 { Vec3::X } else { Vec3::Y }).normalize();
+        let scale = Vec3::new((to - from).length(), height, width);
+        Place { scale, ..Place::facing(from, along, side.cross(along)) }
+    }
+
+    pub fn scaled(self, scale: Vec3) -> Place {
+        Place { scale, ..self }
     }
 }
 
@@ -240,6 +263,12 @@ impl GlbWriter {
 
     pub fn triangles_of(&self, mesh: MeshId) -> usize {
         self.mesh_triangles[mesh.0 as usize] as usize
+    }
+
+    /// Nodes so far that have a mesh, and nodes that have none.
+    pub fn leaves_and_groups(&self) -> [usize; 2] {
+        let leaves = self.nodes.iter().filter(|node| node.mesh.is_some()).count();
+        [leaves, self.nodes.len() - leaves]
     }
 
     pub fn node(&mut self, parent: Option<NodeId>, name: String, mesh: Option<MeshId>, place: Place) -> NodeId {
