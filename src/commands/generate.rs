@@ -2,15 +2,15 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
-use mullion_server::generate::{GeneratedScene, write_glb};
+use anyhow::{Context, Result, bail};
+use mullion_server::generate::{Boxes, BoxesShape, GeneratedScene, write_glb};
 
 use crate::say::say;
 
 /// What to generate and where to.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Name of the scene: city.
+    /// Name of the scene: city or boxes.
     scene: GeneratedScene,
     /// The GLB file to write.
     #[arg(long, value_name = "FILE")]
@@ -18,11 +18,38 @@ pub struct Options {
     /// Another seed gives another scene; the same seed gives the same bytes.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// How many boxes, 1 to 10000000 (with boxes only) [default: 100000].
+    #[arg(long, value_name = "N")]
+    leaves: Option<u64>,
+    /// How the file holds them: flat (instances of one node) or tree (with boxes only) [default: flat].
+    #[arg(long)]
+    shape: Option<BoxesShape>,
 }
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
-    let report = write_glb(options.scene, options.seed, &options.out)?;
-    say!("{}: {} triangles, {} nodes, {} bytes", options.out.display(), report.triangles, report.nodes, report.bytes);
+    let report = write_glb(scene(options)?, options.seed, &options.out)?;
+    say!(
+        "{}: {} triangles, {} objects, {} nodes, {} bytes",
+        options.out.display(),
+        report.triangles,
+        report.objects,
+        report.nodes,
+        report.bytes
+    );
     Ok(())
+}
+
+/// The named scene, with what only boxes take.
+fn scene(options: &Options) -> Result<GeneratedScene> {
+    let given = [("--leaves", options.leaves.is_some()), ("--shape", options.shape.is_some())];
+    match (options.scene, given.iter().find(|(_, is_given)| *is_given)) {
+        (GeneratedScene::Boxes(default), _) => {
+            let leaves = options.leaves.unwrap_or(default.leaves().into());
+            let boxes = Boxes::new(leaves, options.shape.unwrap_or(default.shape())).context("--leaves")?;
+            Ok(GeneratedScene::Boxes(boxes))
+        }
+        (other, Some((flag, _))) => bail!("{flag}: only boxes take it, {other} does not"),
+        (other, None) => Ok(other),
+    }
 }

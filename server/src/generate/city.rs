@@ -7,7 +7,7 @@ mod furniture;
 mod roof;
 mod street;
 
-use super::glb_writer::{Alpha, GenerateReport, GlbWriter, MaterialId, NodeId, Place, Sides, TextureId};
+use super::glb_writer::{Alpha, Glb, GlbWriter, MaterialId, NodeId, Place, Sides, TextureId};
 use super::random::Random;
 use super::solid::{Color, Geometry, srgb};
 use super::textures::{self, Facade};
@@ -67,8 +67,8 @@ fn factor(color: Color) -> [f32; 4] {
     color.map(|c| f32::from(c) / 255.0)
 }
 
-/// The city as GLB bytes.
-pub fn generate(seed: u64) -> (Vec<u8>, GenerateReport) {
+/// The city as a file.
+pub fn generate(seed: u64) -> Glb {
     let mut random = Random::new(seed);
     let mut glb = GlbWriter::default();
     let mut art = random.fork();

@@ -1,15 +1,22 @@
 //! Scenes made from a seed, written as real GLB files, so that generated and foreign scenes take one path.
 //!
 //! A new scene is a module beside [`city`], a variant of [`GeneratedScene`] and a line in each `match` below.
+mod boxes;
 mod city;
 mod glb_writer;
+mod plant;
 mod random;
+mod round;
 mod solid;
 mod textures;
 
+pub use boxes::{Boxes, BoxesShape, MAX_BOXES};
 pub use glb_writer::GenerateReport;
 
+use glb_writer::Glb;
 use std::fmt;
+use std::fs::File;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -18,16 +25,23 @@ use std::str::FromStr;
 pub enum GeneratedScene {
     /// 300 furnished buildings of about 3521 triangles each, with streets, trees and lamp posts.
     City,
+    /// A power plant with the node tree of the paper's: 1118 groups over 3919 leaves.
+    Plant,
+    /// Clustered boxes, as many as asked for.
+    Boxes(Boxes),
 }
 
 impl GeneratedScene {
     /// Every scene, in the order in which they are listed to users.
-    pub const ALL: &'static [GeneratedScene] = &[GeneratedScene::City];
+    pub const ALL: &'static [GeneratedScene] =
+        &[GeneratedScene::City, GeneratedScene::Plant, GeneratedScene::Boxes(Boxes::DEFAULT)];
 
     /// The name that a user types.
     pub fn name(self) -> &'static str {
         match self {
             GeneratedScene::City => "city",
+            GeneratedScene::Plant => "plant",
+            GeneratedScene::Boxes(_) => "boxes",
         }
     }
 
@@ -62,6 +76,18 @@ pub enum GenerateError {
         /// The name that was asked for.
         name: String,
     },
+    /// The boxes' shape has no such name.
+    #[error("no shape is called {name:?}; there are: flat, tree")]
+    UnknownShape {
+        /// The name that was asked for.
+        name: String,
+    },
+    /// There cannot be so many boxes.
+    #[error("{leaves} leaves, allowed are 1 to {MAX_BOXES}")]
+    Leaves {
+        /// The number that was asked for.
+        leaves: u64,
+    },
     /// The file could not be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
@@ -72,19 +98,32 @@ pub enum GenerateError {
     },
 }
 
-/// Generates `scene` as GLB bytes. The same scene and seed give the same bytes.
-pub fn glb(scene: GeneratedScene, seed: u64) -> (Vec<u8>, GenerateReport) {
+fn generate(scene: GeneratedScene, seed: u64) -> Glb {
     match scene {
         GeneratedScene::City => city::generate(seed),
+        GeneratedScene::Plant => plant::generate(seed),
+        GeneratedScene::Boxes(boxes) => boxes::generate(boxes, seed),
     }
 }
 
-/// Generates `scene` and writes it to `out`.
+/// Generates `scene` as GLB bytes. The same scene and seed give the same bytes.
+pub fn glb(scene: GeneratedScene, seed: u64) -> (Vec<u8>, GenerateReport) {
+    let glb = generate(scene, seed);
+    let mut bytes = Vec::with_capacity(glb.report.bytes as usize);
+    // Writing to a vector cannot fail.
+    glb.write(&mut bytes).expect("memory takes all bytes");
+    (bytes, glb.report)
+}
+
+/// Generates `scene` and writes it to `out`, as [`glb`] gives it.
 ///
 /// # Errors
 /// If `out` cannot be written.
 pub fn write_glb(scene: GeneratedScene, seed: u64, out: &Path) -> Result<GenerateReport, GenerateError> {
-    let (bytes, report) = glb(scene, seed);
-    std::fs::write(out, bytes).map_err(|source| GenerateError::Write { path: out.to_path_buf(), source })?;
-    Ok(report)
+    let fault = |source| GenerateError::Write { path: out.to_path_buf(), source };
+    // Opened first: a wrong name is told at once.
+    let mut file = BufWriter::new(File::create(out).map_err(fault)?);
+    let glb = generate(scene, seed);
+    glb.write(&mut file).and_then(|()| file.flush()).map_err(fault)?;
+    Ok(glb.report)
 }

@@ -72,7 +72,7 @@ impl Geometry {
         }
     }
 
-    /// A prism or, where `top_radius` is 0, a pyramid on `sides` (6, 8 or 12) around the vertical through `base`.
+    /// A prism or, where `top_radius` is 0, a pyramid on `sides` (see [`ring`]) around the vertical through `base`.
     pub fn prism(&mut self, base: Vec3, radius: f32, top_radius: f32, height: f32, sides: usize, color: Color) {
         let ring = ring(sides);
         let at = |k: usize, radius: f32, y: f32| base + vec3(ring[k % sides].x * radius, y, -ring[k % sides].y * radius);
@@ -125,18 +125,20 @@ pub fn walls(low: Vec3, high: Vec3) -> [[Vec3; 4]; 4] {
     [a, b, c, d]
 }
 
-/// Corners of a regular polygon from square roots only, which IEEE 754 rounds exactly.
-fn ring(sides: usize) -> Vec<Vec2> {
-    let (half, s3, s2) = (0.5, 0.75f32.sqrt(), 0.5f32.sqrt());
-    let quarter: &[(f32, f32)] = match sides {
-        8 => &[(1.0, 0.0), (s2, s2)],
-        // 6 takes every second corner of 12.
-        _ => &[(1.0, 0.0), (s3, half), (half, s3)],
+/// Corners of a regular polygon of 4 or 6 sides, doubled any number of times. From square roots only, which IEEE 754
+/// rounds exactly.
+pub fn ring(sides: usize) -> Vec<Vec2> {
+    let (half, s3) = (0.5, 0.75f32.sqrt());
+    let mut corners: Vec<Vec2> = match sides % 3 {
+        0 => [(1.0, 0.0), (half, s3), (-half, s3), (-1.0, 0.0), (-half, -s3), (half, -s3)].map(Vec2::from).to_vec(),
+        _ => [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)].map(Vec2::from).to_vec(),
     };
-    let turns: [fn(f32, f32) -> Vec2; 4] =
-        [|x, y| Vec2::new(x, y), |x, y| Vec2::new(-y, x), |x, y| Vec2::new(-x, -y), |x, y| Vec2::new(y, -x)];
-    let all = turns.iter().flat_map(|turn| quarter.iter().map(|(x, y)| turn(*x, *y)));
-    all.step_by(if sides == 6 { 2 } else { 1 }).collect()
+    while corners.len() < sides {
+        let next = |k: usize| corners[(k + 1) % corners.len()];
+        corners = (0..corners.len()).flat_map(|k| [corners[k], (corners[k] + next(k)).normalize()]).collect();
+    }
+    assert_eq!(corners.len(), sides, "4 or 6, doubled");
+    corners
 }
 
 fn icosahedron() -> Vec<[Vec3; 3]> {
