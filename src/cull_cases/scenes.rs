@@ -153,7 +153,7 @@ impl Scene {
         let mut next_leaf = 0;
         for (at, end) in (0..).zip(&self.ends) {
             let bound = self.leaves[(next_leaf as usize).min(self.leaves.len() - 1)];
-            nodes.push(OhNode { bound, subtree_end: *end, leaves: LeafRange::new(next_leaf, next_leaf + 1), object: None });
+            nodes.push(OhNode { bound, subtree_end: *end, leaves: LeafRange::new(next_leaf, next_leaf + 1) });
             next_leaf += u32::from(is_leaf(at));
         }
         let mut corners = Vec::new();

@@ -193,9 +193,11 @@ impl Culler {
             return CullStats::default();
         }
         let stats = self.cull_all(tree, world_from_room, sets);
-        for (set, removed) in tree.removed().into_iter().flat_map(|removed| sets.iter_mut().map(move |set| (set, removed))) {
-            std::mem::swap(set, &mut self.with_removed);
-            self.with_removed.difference_into(removed, set);
+        if let Some(removed) = tree.removed() {
+            for set in sets {
+                std::mem::swap(set, &mut self.with_removed);
+                self.with_removed.difference_into(removed, set);
+            }
         }
         stats
     }

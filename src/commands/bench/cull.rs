@@ -3,15 +3,18 @@
 use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, Result, anyhow, ensure};
 use mullion_common::scene::Package;
 use mullion_server::cull::Algorithm;
+use mullion_server::tree::TreeForm;
 use serde::Serialize;
 
 use super::figures;
 use super::machine::Machine;
 use super::measure::{Case, Contestant, Variant, WARM_UP_FRAMES, measure};
+use super::moving::{self, MovingCase, MovingTable};
 use super::table::{Table, compare};
 use crate::camera::PathSource;
 use crate::commands::demo::grid_wall;
@@ -44,6 +47,12 @@ pub struct Options {
     /// Also run the sweep with temporal slack.
     #[arg(long)]
     slack: bool,
+    /// Also run the paper's algorithms over the file's own tree, as nobody has regrouped it.
+    #[arg(long)]
+    file_tree: bool,
+    /// Instead, move so many percent of the objects before every frame, and measure moving, refitting and culling.
+    #[arg(long, value_name = "PERCENT,…", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(0..=100))]
+    moving: Vec<u8>,
     /// naive, oh-plain, fh, oh, adaptive, sweep: some of them, or all.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',', default_value = "all")]
     algorithm: Vec<String>,
@@ -67,6 +76,7 @@ struct Report {
     machine: Machine,
     warm_up_frames: u64,
     tables: Vec<Table>,
+    moving: Vec<MovingTable>,
 }
 
 /// Runs the command.
@@ -83,23 +93,32 @@ pub fn run(options: &Options) -> Result<()> {
     if !is_piped {
         say!("{machine}\n");
     }
-    let mut tables = Vec::new();
+    let (mut tables, mut moving) = (Vec::new(), Vec::new());
     for (scene, name) in scenes(options)? {
-        let package = open_named_scene(scene, &how)?;
+        let package = Arc::new(open_named_scene(scene, &how)?);
         for grid in &options.grid {
-            let table = measured(&name, &package, *grid, &source, options.frames, &contestants)?;
-            if !is_piped {
-                table.print();
+            if options.moving.is_empty() {
+                let table = measured(&name, &package, *grid, &source, options.frames, &contestants)?;
+                if !is_piped {
+                    table.print();
+                }
+                tables.push(table);
             }
-            tables.push(table);
+            for percent in &options.moving {
+                let table = measured_moving(&name, &package, *grid, &source, options.frames, *percent)?;
+                if !is_piped {
+                    table.print();
+                }
+                moving.push(table);
+            }
         }
     }
     if let Some(folder) = &options.plots {
-        for file in figures::draw(&tables, folder)?.iter().filter(|_| !is_piped) {
+        for file in figures::draw(&tables, &moving, folder)?.iter().filter(|_| !is_piped) {
             say!("wrote {}", file.display());
         }
     }
-    let report = Report { machine, warm_up_frames: WARM_UP_FRAMES, tables };
+    let report = Report { machine, warm_up_frames: WARM_UP_FRAMES, tables, moving };
     options.json.as_ref().map_or(Ok(()), |path| write_json(&report, path))
 }
 
@@ -127,6 +146,21 @@ fn measured(
     })
 }
 
+fn measured_moving(
+    name: &str,
+    package: &Arc<Package>,
+    grid: Grid,
+    source: &PathSource,
+    frames: Option<u64>,
+    percent: u8,
+) -> Result<MovingTable> {
+    let wall = grid_wall(grid)?;
+    let path = source.path(package, &wall, frames)?;
+    let frames = frames.unwrap_or((path.poses().len() as u64).min(DEFAULT_MAX_FRAMES));
+    let (moving_objects, rows) = moving::measure(&MovingCase { package, wall: &wall, path: &path, frames, percent });
+    Ok(MovingTable { scene: name.to_owned(), grid: grid.to_string(), percent, moving_objects, frames, rows })
+}
+
 /// The chosen algorithms, and the variants of the sweep behind them.
 fn contestants(options: &Options) -> Result<Vec<Contestant>> {
     let mut algorithms = Vec::new();
@@ -148,9 +182,12 @@ fn contestants(options: &Options) -> Result<Vec<Contestant>> {
         variants.is_empty() || algorithms.contains(&Algorithm::Sweep),
         "--threads and --slack are the sweep's: name it with --algorithm, too"
     );
-    let plain = algorithms.into_iter().map(|algorithm| Contestant { algorithm, variant: Variant::Plain });
+    let is_papers = |algorithm: &&Algorithm| algorithm.tree_form() == TreeForm::Hierarchy;
+    let of_file = algorithms.iter().filter(is_papers).filter(|_| options.file_tree);
+    let of_file = of_file.map(|algorithm| Contestant { algorithm: *algorithm, variant: Variant::FileTree });
+    let plain = algorithms.iter().map(|algorithm| Contestant { algorithm: *algorithm, variant: Variant::Plain });
     let of_sweep = variants.into_iter().map(|variant| Contestant { algorithm: Algorithm::Sweep, variant });
-    Ok(plain.chain(of_sweep).collect())
+    Ok(plain.chain(of_sweep).chain(of_file).collect())
 }
 
 /// Scenes as they were named, and what tables call them.

@@ -1,10 +1,11 @@
-//! The paper's figures 4 and 5b (Nirnimesh, Harish, Narayanan 2006, section 5), from what was measured.
+//! The paper's figures 4, 5b and 6 (Nirnimesh, Harish, Narayanan 2006, section 5), from what was measured.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
+use super::moving::MovingTable;
 use super::table::Table;
 use crate::files::file_name;
 use crate::plot::{self, Frame, Scale, Series};
@@ -16,7 +17,7 @@ const BY_TILES: [&str; 2] = ["adaptive", "sweep"];
 ///
 /// # Errors
 /// When a file cannot be written.
-pub fn draw(tables: &[Table], folder: &Path) -> Result<Vec<PathBuf>> {
+pub fn draw(tables: &[Table], moving: &[MovingTable], folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for table in tables {
         let name = format!("{}-{}-frames.svg", file_name(&table.scene), table.grid);
@@ -27,7 +28,27 @@ pub fn draw(tables: &[Table], folder: &Path) -> Result<Vec<PathBuf>> {
             files.push(write(&figure, folder.join(format!("{}-tiles.svg", file_name(&of_scene[0].scene))))?);
         }
     }
+    for of_wall in moving.chunk_by(|a, b| (&a.scene, &a.grid) == (&b.scene, &b.grid)) {
+        let name = format!("{}-{}-moving.svg", file_name(&of_wall[0].scene), of_wall[0].grid);
+        files.push(write(&by_moving(of_wall)?, folder.join(name))?);
+    }
     Ok(files)
+}
+
+/// Figure 6: moving, refitting and culling against the share of objects that move.
+fn by_moving(tables: &[MovingTable]) -> Result<String> {
+    let frame = Frame {
+        title: &format!("{} on {}: objects move before every frame", tables[0].scene, tables[0].grid),
+        x_title: "moving objects, %",
+        y_title: "median of moving, refitting and culling, µs",
+        y_scale: Scale::Log,
+    };
+    let groups: Vec<String> = tables.iter().map(|table| table.percent.to_string()).collect();
+    let series = tables[0].rows.iter().enumerate().map(|(at, row)| Series {
+        name: row.name.clone(),
+        values: tables.iter().map(|table| table.rows[at].total_us.median).collect(),
+    });
+    Ok(plot::bars(&frame, &groups, &series.collect::<Vec<_>>())?)
 }
 
 /// Figure 4: cull time of each algorithm, frame by frame, on a logarithmic axis.

@@ -4,14 +4,15 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use glam::{DAffine3, DVec3};
 use mullion_common::camera_path::CameraPath;
+use mullion_common::geometry::Obb;
 use mullion_common::scene::Package;
-use mullion_common::visible_set::VisibleSet;
-use mullion_common::wall::Wall;
-use mullion_server::cull::{Algorithm, CullStats, Culler};
-use mullion_server::tree::CullTree;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
+use mullion_common::wall::{ViewId, Wall};
+use mullion_server::cull::{Algorithm, CullStats, Culler, oracle};
+use mullion_server::tree::{CullTree, FileTree};
 use serde::Serialize;
 
 use crate::show::Spread;
@@ -35,13 +36,15 @@ pub enum Variant {
     Threads(u8),
     /// With temporal slack.
     Slack,
+    /// On one thread, over the file's own tree.
+    FileTree,
 }
 
 impl Contestant {
     fn culler(self, wall: &Wall) -> Result<Culler> {
         let culler = Culler::new(self.algorithm, wall);
         match self.variant {
-            Variant::Plain => Ok(culler),
+            Variant::Plain | Variant::FileTree => Ok(culler),
             Variant::Threads(threads) => culler.with_threads(threads.into()).with_context(|| format!("{threads} threads")),
             Variant::Slack => Ok(culler.with_slack(true)),
         }
@@ -54,6 +57,7 @@ impl fmt::Display for Contestant {
             Variant::Plain => write!(f, "{}", self.algorithm),
             Variant::Threads(threads) => write!(f, "{}/{threads}", self.algorithm),
             Variant::Slack => write!(f, "{}+slack", self.algorithm),
+            Variant::FileTree => write!(f, "{}@file", self.algorithm),
         }
     }
 }
@@ -73,8 +77,8 @@ pub struct Row {
     pub leaf_tile_pairs: f64,
     /// Mean number of ranges in the sets of a frame.
     pub ranges: f64,
-    /// Mean share of those pairs that cannot be seen; `None` where nothing checks it.
-    pub excess_percent: Option<f64>,
+    /// How many more pairs there are than boxes that meet a view, percent, over [`CHECKED_FRAMES`] of the frames.
+    pub excess_percent: f64,
     /// Frame by frame, microseconds.
     pub frame_us: Vec<f64>,
 }
@@ -87,15 +91,20 @@ pub struct Case<'a> {
     pub frames: u64,
 }
 
+/// Most frames whose sets are checked: evenly spread over the run.
+pub const CHECKED_FRAMES: u64 = 12;
+
 struct Runner {
     name: String,
     culler: Culler,
+    is_on_file_tree: bool,
     sets: Vec<VisibleSet>,
     frame_us: Vec<f64>,
     stats: CullStats,
     pairs: u64,
     ranges: u64,
-    excess_percent: Option<f64>,
+    checked_pairs: u64,
+    true_pairs: u64,
 }
 
 /// Measures all contestants on a case. In each frame another one begins, so that drift of the machine and what one leaves in
@@ -105,24 +114,28 @@ struct Runner {
 /// When the system gives no threads, or a set lacks what is in view.
 pub fn measure(case: &Case<'_>, contestants: &[Contestant]) -> Result<Vec<Row>> {
     let eyes = case.wall.default_eyes();
-    let tree = tree_of(case.package);
+    let tree = CullTree::new(Arc::clone(&case.package.scene.hierarchy));
+    let has_file_tree = contestants.iter().any(|contestant| contestant.variant == Variant::FileTree);
+    let file = if has_file_tree { FileTree::of(&case.package.scene) } else { FileTree::default() };
+    let file_tree = CullTree::new(Arc::new(file.hierarchy.clone()));
+    let mut checker = Checker::new(case);
     let mut runners: Vec<Runner> = contestants.iter().map(|contestant| Runner::new(*contestant, case)).collect::<Result<_>>()?;
     let mut cull_all = |frame: u64, is_measured: bool| -> Result<()> {
         let pose = case.path.pose(frame);
         for turn in 0..runners.len() {
             let at = (turn + (frame % contestants.len() as u64) as usize) % contestants.len();
-            let Runner { culler, sets, .. } = &mut runners[at];
+            let Runner { culler, sets, is_on_file_tree, .. } = &mut runners[at];
+            let tree = if *is_on_file_tree { &file_tree } else { &tree };
             let start = Instant::now();
-            let stats = culler.cull(&tree, case.wall, &eyes, &pose, sets);
+            let stats = culler.cull(tree, case.wall, &eyes, &pose, sets);
             let took = start.elapsed();
             if is_measured {
                 runners[at].note(took.as_secs_f64() * 1e6, stats);
             }
         }
-        for runner in runners.iter_mut().filter(|_| is_measured) {
-            let excess = excess_percent(case.package, case.wall, &eyes, &pose, &runner.sets)
-                .with_context(|| format!("{} at frame {frame}", runner.name))?;
-            runner.excess_percent = excess.map(|percent| runner.excess_percent.unwrap_or(0.0) + percent);
+        let stride = case.frames.div_ceil(CHECKED_FRAMES);
+        if is_measured && frame.is_multiple_of(stride) {
+            checker.check(&mut runners, &file, &eyes, &pose).with_context(|| format!("frame {frame}"))?;
         }
         Ok(())
     };
@@ -132,24 +145,59 @@ pub fn measure(case: &Case<'_>, contestants: &[Contestant]) -> Result<Vec<Row>> 
     Ok(runners.into_iter().map(Runner::finish).collect())
 }
 
-/// The tree that algorithms walk.
-fn tree_of(package: &Package) -> CullTree {
-    CullTree::new(Arc::clone(&package.scene.hierarchy))
+/// Holds the sets of a frame against the truth: of all pairs that anybody found, those whose box meets the view.
+struct Checker<'a> {
+    case: &'a Case<'a>,
+    /// Of each leaf.
+    bounds: Vec<&'a Obb>,
+    of_runner: VisibleSet,
+    before: VisibleSet,
+    any: VisibleSet,
+    truth: VisibleSet,
 }
 
-/// What an exact check says of one frame's sets, by `ViewId`: which share of their pairs, in percent, cannot be seen. `None`
-/// while no such check is built in.
-///
-/// # Errors
-/// When a set lacks a leaf that is inside its view.
-fn excess_percent(
-    _package: &Package,
-    _wall: &Wall,
-    _eyes: &[DVec3],
-    _world_from_room: &DAffine3,
-    _sets: &[VisibleSet],
-) -> Result<Option<f64>> {
-    Ok(None)
+impl<'a> Checker<'a> {
+    fn new(case: &'a Case<'a>) -> Self {
+        let bounds = case.package.scene.hierarchy.leaf_nodes().map(|node| &node.bound).collect();
+        let [of_runner, before, any, truth] = Default::default();
+        Self { case, bounds, of_runner, before, any, truth }
+    }
+
+    /// Counts pairs and true pairs.
+    ///
+    /// # Errors
+    /// When a set lacks a pair that is in view.
+    fn check(&mut self, runners: &mut [Runner], file: &FileTree, eyes: &[DVec3], pose: &DAffine3) -> Result<()> {
+        for (view, eye) in eyes.iter().enumerate() {
+            let frustum = self.case.wall.frustum(ViewId(view as u16), *eye, pose);
+            self.any.clear();
+            for runner in runners.iter() {
+                self.take(runner, view, file);
+                std::mem::swap(&mut self.any, &mut self.before);
+                self.before.union_into(&self.of_runner, &mut self.any);
+            }
+            self.truth.clear();
+            for leaf in self.any.leaves().filter(|leaf| oracle::intersects(&frustum, self.bounds[*leaf as usize])) {
+                self.truth.push(LeafRange::new(leaf, leaf + 1));
+            }
+            for runner in runners.iter_mut() {
+                self.take(runner, view, file);
+                ensure!(self.of_runner.is_superset_of(&self.truth), "{} lacks a leaf that view {view} may see", runner.name);
+                runner.checked_pairs += u64::from(self.of_runner.len());
+                runner.true_pairs += u64::from(self.truth.len());
+            }
+        }
+        Ok(())
+    }
+
+    /// What a runner found for a view, in the scene's numbers.
+    fn take(&mut self, runner: &Runner, view: usize, file: &FileTree) {
+        if runner.is_on_file_tree {
+            file.in_scene(&runner.sets[view], &mut self.of_runner);
+        } else {
+            self.of_runner.clone_from(&runner.sets[view]);
+        }
+    }
 }
 
 impl Runner {
@@ -157,12 +205,14 @@ impl Runner {
         Ok(Self {
             name: contestant.to_string(),
             culler: contestant.culler(case.wall)?,
+            is_on_file_tree: contestant.variant == Variant::FileTree,
             sets: vec![VisibleSet::default(); case.wall.views().len()],
             frame_us: Vec::with_capacity(case.frames as usize),
             stats: CullStats::default(),
             pairs: 0,
             ranges: 0,
-            excess_percent: None,
+            checked_pairs: 0,
+            true_pairs: 0,
         })
     }
 
@@ -183,7 +233,7 @@ impl Runner {
             plane_tests: mean(self.stats.plane_tests),
             leaf_tile_pairs: mean(self.pairs),
             ranges: mean(self.ranges),
-            excess_percent: self.excess_percent.map(|sum| sum / frames),
+            excess_percent: (self.checked_pairs as f64 / self.true_pairs.max(1) as f64 - 1.0) * 100.0,
             frame_us: self.frame_us,
         }
     }

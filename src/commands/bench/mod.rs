@@ -4,6 +4,7 @@ mod cull;
 mod figures;
 mod machine;
 mod measure;
+mod moving;
 mod table;
 
 use anyhow::Result;

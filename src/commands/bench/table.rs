@@ -45,7 +45,7 @@ impl Table {
         let Self { scene, grid, tiles, leaves, nodes, path, frames, .. } = self;
         say!("{scene}, {leaves} leaves in {nodes} nodes, on {grid} ({tiles} tiles): {path}, {frames} frames");
         say!(
-            "{:12} {:>10} {:>10} {:>10} {:>12} {:>11} {:>8} {:>7} {:>6} {:>10}",
+            "{:21} {:>10} {:>10} {:>10} {:>12} {:>11} {:>8} {:>7} {:>6} {:>10}",
             "algorithm",
             "median µs",
             "p99 µs",
@@ -59,7 +59,7 @@ impl Table {
         );
         for ComparedRow { row, median_over_oh, median_over_adaptive } in &self.rows {
             say!(
-                "{:12} {:10.1} {:10.1} {:10.0} {:12.0} {:11.0} {:8.0} {:>7} {:>6} {:>10}",
+                "{:21} {:10.1} {:10.1} {:10.0} {:12.0} {:11.0} {:8.0} {:>7} {:>6} {:>10}",
                 row.name,
                 row.cull_us.median,
                 row.cull_us.p99,
@@ -67,15 +67,15 @@ impl Table {
                 row.plane_tests,
                 row.leaf_tile_pairs,
                 row.ranges,
-                or_dash(row.excess_percent, "%"),
-                or_dash(*median_over_oh, ""),
-                or_dash(*median_over_adaptive, "")
+                format!("{:.2}%", row.excess_percent),
+                or_dash(*median_over_oh),
+                or_dash(*median_over_adaptive)
             );
         }
         say!("");
     }
 }
 
-fn or_dash(value: Option<f64>, unit: &str) -> String {
-    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}{unit}"))
+fn or_dash(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
 }
