@@ -217,6 +217,12 @@ fn arguments_that_cannot_be() {
     refused(&["serve", &wall], &["SCENE"]);
     refused(&["prepare", &scene, "--out", &folder.path("x"), "--leaf-triangles", "0"], &["--leaf-triangles"]);
     refused(&["generate", "village", "--out", &folder.path("x.glb")], &["village", "city"]);
+    let out = folder.path("x.glb");
+    refused(&["generate", "boxes", "--leaves", "0", "--out", &out], &["--leaves", "1 to 10000000"]);
+    refused(&["generate", "boxes", "--shape", "grid", "--out", &out], &["--shape", "grid", "flat, tree"]);
+    refused(&["generate", "city", "--leaves", "5", "--out", &out], &["--leaves", "boxes"]);
+    refused(&["generate", "plant", "--shape", "tree", "--out", &out], &["--shape", "boxes"]);
+    assert!(!Path::new(&out).exists(), "nothing is left behind");
     refused(&["paint"], &["paint"]);
 }
 

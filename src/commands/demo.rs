@@ -39,7 +39,7 @@ pub struct Options {
     /// A wall file instead of a grid.
     #[arg(long, value_name = "FILE")]
     wall: Option<PathBuf>,
-    /// A glTF, GLB or package file, or the name of a generated scene: city.
+    /// A glTF, GLB or package file, or the name of a generated scene: city, plant, palace or boxes.
     #[arg(long, value_name = "FILE|NAME", default_value = "city")]
     scene: String,
     /// Length of the camera's walk.

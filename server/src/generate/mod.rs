@@ -26,7 +26,7 @@ use std::str::FromStr;
 pub enum GeneratedScene {
     /// 300 furnished buildings of about 3521 triangles each, with streets, trees and lamp posts.
     City,
-    /// A power plant with the node tree of the paper's: 1118 groups over 3919 leaves.
+    /// A power plant with the node tree of the UNC plant that the paper culls: 1118 groups over 3919 leaves.
     Plant,
     /// A palace city with the node tree of the paper's Fatehpur Sikri: 288 groups over 482 leaves of 3300 triangles.
     Palace,

@@ -22,10 +22,12 @@ pub const LEAVES: usize = 482;
 struct Stone {
     red: Color,
     dark: Color,
+    worn: Color,
     pale: Color,
     gilt: Color,
     water: Color,
     earth: Color,
+    dust: Color,
     scrub: Color,
 }
 
@@ -38,11 +40,13 @@ impl Stone {
         Stone {
             red: tint(186.0, 108.0, 82.0),
             dark: tint(154.0, 82.0, 62.0),
+            worn: tint(200.0, 126.0, 98.0),
             pale: tint(222.0, 196.0, 168.0),
             gilt: tint(206.0, 164.0, 78.0),
             water: tint(86.0, 126.0, 116.0),
             earth: tint(176.0, 148.0, 112.0),
-            scrub: tint(142.0, 138.0, 92.0),
+            dust: tint(184.0, 156.0, 120.0),
+            scrub: tint(160.0, 142.0, 100.0),
         }
     }
 }

@@ -3,6 +3,7 @@
 use super::Stone;
 use super::carving::{Arch, Back, chhatri, column, dome, jali, merlon};
 use crate::generate::glb_writer::{GlbWriter, MaterialId, MeshId};
+use crate::generate::random::Random;
 use crate::generate::solid::{Geometry, ring};
 use glam::{Vec3, vec3};
 
@@ -123,13 +124,14 @@ fn wall(g: &mut Geometry, stone: &Stone) {
 fn rampart(g: &mut Geometry, stone: &Stone) {
     g.cuboid(vec3(0.0, -2.0, -2.4), vec3(RUN_M, 8.0, -0.2), stone.dark);
     let (columns, rows) = (20, 11);
+    let mut random = Random::new(20);
     for k in 0..columns * rows {
         let (column, row) = (k % columns, k / columns);
         let shift = if row % 2 == 0 { 0.0 } else { 0.5 };
         let (dx, dy) = (RUN_M / (columns as f32 + 0.5), 10.0 / rows as f32);
         let low = vec3((column as f32 + shift) * dx + 0.03, -2.0 + row as f32 * dy + 0.03, -0.2);
         let proud = 0.12 + 0.05 * ((k * 7) % 5) as f32;
-        let color = if (k * 13) % 7 < 3 { stone.dark } else { stone.red };
+        let color = *random.pick(&[stone.dark, stone.red, stone.worn]);
         g.cuboid(low, low + vec3(dx - 0.06, dy - 0.06, proud), color);
     }
     crest(g, 8.0, 28, stone);
@@ -139,10 +141,11 @@ fn rampart(g: &mut Geometry, stone: &Stone) {
 fn roof(g: &mut Geometry, stone: &Stone) {
     let depth = COLONNADE_M[1];
     let (columns, rows) = (40, 4);
+    let mut random = Random::new(40);
     for k in 0..columns * rows {
         let (dx, dz) = (RUN_M / columns as f32, depth / rows as f32);
         let low = vec3((k % columns) as f32 * dx, 0.0, -((k / columns + 1) as f32) * dz);
-        let tone = if (k * 11) % 5 < 2 { stone.dark } else { stone.red };
+        let tone = *random.pick(&[stone.dark, stone.red, stone.red]);
         g.cuboid(low + vec3(0.02, 0.0, 0.02), low + vec3(dx - 0.02, 0.12, dz - 0.02), tone);
     }
     for k in 0..30 {
@@ -159,11 +162,12 @@ fn roof(g: &mut Geometry, stone: &Stone) {
 
 /// A square of slabs, [`RUN_M`] wide, centred, no two quite alike.
 fn paving(g: &mut Geometry, stone: &Stone) {
+    let mut random = Random::new(17);
     let count = 17;
     let slab = RUN_M / count as f32;
     for k in 0..count * count {
         let corner = vec3((k % count) as f32 * slab, 0.0, (k / count) as f32 * slab) - vec3(RUN_M, 0.0, RUN_M) / 2.0;
-        let color = [stone.red, stone.pale, stone.red, stone.dark][(k * 29 + k / count * 7) % 4];
+        let color = *random.pick(&[stone.red, stone.red, stone.dark, stone.worn]);
         let height = 0.02 + 0.004 * ((k * 17) % 5) as f32;
         g.cuboid(corner + vec3(0.02, -0.2, 0.02), corner + vec3(slab - 0.02, height, slab - 0.02), color);
     }
@@ -386,9 +390,10 @@ fn house(g: &mut Geometry, stone: &Stone) {
 fn house_roof(g: &mut Geometry, stone: &Stone) {
     let (half, count) = (HOUSE_M[0] / 2.0, 14);
     let slab = HOUSE_M[0] / count as f32;
+    let mut random = Random::new(14);
     for k in 0..count * count {
         let corner = vec3((k % count) as f32 * slab - half, 0.0, (k / count) as f32 * slab - half);
-        let color = if (k * 11 + k / count) % 5 < 2 { stone.dark } else { stone.red };
+        let color = *random.pick(&[stone.dark, stone.red]);
         g.cuboid(corner + vec3(0.02, 0.0, 0.02), corner + vec3(slab - 0.02, 0.12, slab - 0.02), color);
     }
     let mut front = Geometry::default();
@@ -428,6 +433,7 @@ pub fn terrace(g: &mut Geometry, size: Vec3, stone: &Stone) {
 
 /// The ridge and the land around it, one square of earth beside the other, 640 m by 520 m.
 pub fn land(g: &mut Geometry, stone: &Stone) {
+    let mut random = Random::new(44);
     let [columns, rows] = [44, 36];
     let at = |x: usize, z: usize| {
         let (fx, fz) = (x as f32 / columns as f32 - 0.5, z as f32 / rows as f32 - 0.5);
@@ -437,7 +443,7 @@ pub fn land(g: &mut Geometry, stone: &Stone) {
     };
     for k in 0..columns * rows {
         let (x, z) = (k % columns, k / columns);
-        let color = [stone.earth, stone.scrub, stone.earth][(k * 31 + z * 5) % 3];
+        let color = *random.pick(&[stone.earth, stone.earth, stone.dust, stone.scrub]);
         let corners = [at(x, z + 1), at(x + 1, z + 1), at(x + 1, z), at(x, z)];
         g.polygon(&[corners[0], corners[1], corners[2]], color);
         g.polygon(&[corners[0], corners[2], corners[3]], color);
