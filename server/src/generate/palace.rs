@@ -15,8 +15,8 @@ use glam::{Vec3, vec3};
 use masonry::{COLONNADE_M, HOUSE_M, Masonry, RUN_M};
 
 /// Nodes without a mesh, and nodes with one.
-pub const GROUPS: usize = 288;
-pub const LEAVES: usize = 482;
+const GROUPS: usize = 288;
+const LEAVES: usize = 482;
 
 /// The quarry's tints: each seed has its own.
 struct Stone {

@@ -18,8 +18,8 @@ use pipework::Rack;
 use stock::{PANEL_M, Stock};
 
 /// Nodes without a mesh, and nodes with one.
-pub const GROUPS: usize = 1118;
-pub const LEAVES: usize = 3919;
+const GROUPS: usize = 1118;
+const LEAVES: usize = 3919;
 
 /// Extent of an area and a level, metres: x from 0, y from 0, z to both sides.
 const AREA_M: f32 = 24.0;

@@ -59,16 +59,19 @@ pub fn five_storeys(b: &mut Builder, court: NodeId, at: Vec3) {
         let size = 1.0 - 0.2 * storey as f32;
         let node = b.group(palace, format!("storey {}", storey + 1), Place::at(vec3(0.0, y, 0.0)));
         for side in 0..4 {
-            // The open side of a colonnade looks outwards.
-            let half = size * RUN_M / 2.0;
-            let place = Place::turned(Vec3::ZERO, side);
-            let corner = place.rotation * vec3(-half, 0.0, half);
-            let mesh = b.masonry.colonnade;
-            b.leaf(node, "colonnade", mesh, Place { translation: corner, ..place }.scaled(vec3(size, 1.0, size)));
+            b.leaf(node, "colonnade", b.masonry.colonnade, facing_out(side, size).scaled(vec3(size, 1.0, size)));
         }
     }
     let y = (COLONNADE_M[0] + 0.3) * 4.0;
     b.leaf(palace, "chhatri", b.masonry.chhatri, Place::at(vec3(0.0, y, 0.0)).scaled(Vec3::splat(1.3)));
+}
+
+/// One of the four sides of a square whose fronts look outwards; `size` is its side in runs.
+fn facing_out(side: usize, size: f32) -> Place {
+    let half = size * RUN_M / 2.0;
+    // The corner from which +X runs along the side, on whole quarter turns: exact.
+    let corner = [vec3(-half, 0.0, half), vec3(half, 0.0, half), vec3(half, 0.0, -half), vec3(-half, 0.0, -half)];
+    Place::turned(corner[side % 4], side)
 }
 
 /// The hall with the pillar: four walls, a chhatri at each corner of the roof.
@@ -79,9 +82,7 @@ pub fn private_audience(b: &mut Builder, court: NodeId, at: Vec3) {
     b.leaf(hall, "pillar", b.masonry.pillar, Place::at(Vec3::ZERO));
     let walls = b.group(hall, "walls", Place::at(Vec3::ZERO));
     for side in 0..4 {
-        let place = Place::turned(Vec3::ZERO, side);
-        let corner = place.rotation * vec3(-half, 0.0, half);
-        b.leaf(walls, "wall", b.masonry.wall, Place { translation: corner, ..place }.scaled(vec3(size, 1.2, size)));
+        b.leaf(walls, "wall", b.masonry.wall, facing_out(side, size).scaled(vec3(size, 1.2, size)));
     }
     let roof = b.group(hall, "roof", Place::at(vec3(0.0, WALL_HEIGHT_M * 1.2, 0.0)));
     b.leaf(roof, "slabs", b.masonry.paving, Place::at(Vec3::ZERO).scaled(vec3(size, 1.0, size)));

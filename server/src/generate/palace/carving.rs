@@ -6,7 +6,7 @@ use glam::{Vec3, vec3};
 /// An arch's outline has so many stretches at the most.
 const FINEST_ARCH: usize = 64;
 
-/// A column of `height`, its foot around `base`: square base, turned shaft of eight sides, capital, four brackets: 428
+/// A column of `height`, its foot around `base`: square base, turned shaft of eight sides, capital, four brackets: 436
 /// triangles.
 pub fn column(g: &mut Geometry, base: Vec3, height: f32, stone: &Stone) {
     let scale = height / 4.0;
@@ -81,7 +81,7 @@ impl Arch {
     }
 
     /// Front, reveal, a moulding of four sides along the outline, and either the back face or what closes the niche: 14
-    /// to 16 triangles a stretch.
+    /// triangles a stretch.
     pub fn build(&self, g: &mut Geometry, stone: &Stone, back: Back) {
         let outline = self.outline();
         let [width, height] = self.size;
