@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow};
 use mullion_common::scene::Package;
 use mullion_common::wall::{Wall, WallConfig};
-use mullion_server::generate::{GeneratedScene, write_glb};
+use mullion_server::generate::{GenerateError, GeneratedScene, write_glb};
 use mullion_server::prepare::{self, PrepareOptions, bounded};
 use serde::Serialize;
 
@@ -28,13 +28,17 @@ pub fn open_scene(path: &Path, options: &PrepareOptions) -> Result<Package> {
 /// The file that was named, or that of a generated scene, which is written into `folder`.
 pub fn scene_file(scene: &str, folder: &Path) -> Result<PathBuf> {
     const SEED: u64 = 1;
+    if Path::new(scene).exists() {
+        return Ok(PathBuf::from(scene));
+    }
     match scene.parse::<GeneratedScene>() {
-        Ok(generated) if !Path::new(scene).exists() => {
+        Ok(generated) => {
             let path = folder.join(format!("{}.glb", file_name(scene)));
             write_glb(generated, SEED, &path)?;
             Ok(path)
         }
-        _ => Ok(PathBuf::from(scene)),
+        Err(GenerateError::Unknown { .. }) => Ok(PathBuf::from(scene)),
+        Err(error) => Err(error).with_context(|| scene.to_owned()),
     }
 }
 

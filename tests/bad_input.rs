@@ -224,6 +224,12 @@ fn arguments_that_cannot_be() {
     refused(&["bench", "cull", &scene, "--algorithm", "oh", "--slack"], &["--slack", "sweep"]);
     refused(&["bench", "cull", &scene, "--scene", &scene], &["two scenes", "good"]);
     refused(&["cull", &scene, "--wall", &wall, "--path", "pan", "--camera", "0,0,0"], &["--path", "--camera"]);
+    let out = folder.path("x.glb");
+    refused(&["generate", "boxes", "--leaves", "0", "--out", &out], &["--leaves", "1 to 10000000"]);
+    refused(&["generate", "boxes", "--shape", "grid", "--out", &out], &["--shape", "grid", "flat, tree"]);
+    refused(&["generate", "city", "--leaves", "5", "--out", &out], &["--leaves", "boxes"]);
+    refused(&["generate", "plant", "--shape", "tree", "--out", &out], &["--shape", "boxes"]);
+    assert!(!Path::new(&out).exists(), "nothing is left behind");
     refused(&["paint"], &["paint"]);
 }
 

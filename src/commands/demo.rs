@@ -35,7 +35,7 @@ use crate::show::{self, Record};
 pub struct Options {
     #[command(flatten)]
     wall: WallChoice,
-    /// A glTF, GLB or package file, or the name of a generated scene: city.
+    /// A glTF, GLB or package file, or the name of a generated scene: city, plant, palace, boxes or boxes:LEAVES.
     #[arg(long, value_name = "FILE|NAME", default_value = "city")]
     scene: String,
     /// Camera path: a file, or a walk made for the scene: orbit, whole, interior, flythrough, pan.
@@ -74,7 +74,7 @@ impl WallChoice {
     /// # Errors
     /// When the file is no wall.
     pub fn open(&self) -> Result<Wall> {
-        self.wall.as_deref().map_or_else(|| grid_wall(self.grid), open_wall)
+        self.wall.as_deref().map_or_else(|| grid_wall(self.grid, BEZEL_PX), open_wall)
     }
 }
 
@@ -148,9 +148,9 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// A wall of so many equal panels with bezels.
-pub fn grid_wall(grid: Grid) -> Result<Wall> {
-    let bezel_m = [0, 1].map(|axis| TILE_M[axis] / f64::from(TILE_PX[axis]) * f64::from(BEZEL_PX));
+/// A wall of so many equal panels with bezels of so many pixels' width.
+pub fn grid_wall(grid: Grid, bezel_px: u32) -> Result<Wall> {
+    let bezel_m = [0, 1].map(|axis| TILE_M[axis] / f64::from(TILE_PX[axis]) * f64::from(bezel_px));
     let text = format!(
         "name = \"demo-{columns}x{rows}\"\n[grid]\ncolumns = {columns}\nrows = {rows}\ntile_px = {TILE_PX:?}\ntile_m = {TILE_M:?}\nbezel_m = {bezel_m:?}\n",
         columns = grid.columns,

@@ -18,8 +18,8 @@ use pipework::Rack;
 use stock::{PANEL_M, Stock};
 
 /// Nodes without a mesh, and nodes with one.
-pub const GROUPS: usize = 1118;
-pub const LEAVES: usize = 3919;
+const GROUPS: usize = 1118;
+const LEAVES: usize = 3919;
 
 /// Extent of an area and a level, metres: x from 0, y from 0, z to both sides.
 const AREA_M: f32 = 24.0;
@@ -158,12 +158,13 @@ impl Level {
         let floors = b.group(level, "floors", Place::at(Vec3::ZERO));
         let [length, across] = PANEL_M;
         let gratings = b.group(floors, "gratings", Place::at(vec3(0.0, LEVEL_M, -HALF_WIDTH_M)));
-        // Boilers and turbines stand in a shaft: the middle row is open there, the rest has one opening.
+        // Boilers and turbines stand in a shaft; elsewhere there is one opening or a few.
         let has_shaft = matches!(self.kind, Kind::Boiler | Kind::Turbine);
         let opening = random.below(9);
         for panel in 0..9 {
             let (x, z) = (panel % 3, panel / 3);
-            let is_open = panel == opening || has_shaft && z == 1 && x == 1 || self.is_top && z == 2 && x != 0;
+            let in_shaft = has_shaft && z == 1 && x == 1;
+            let is_open = panel == opening || in_shaft || self.is_top && z != 0 || random.chance(0.15);
             if !is_open {
                 let at = vec3(x as f32 * length, 0.0, z as f32 * across);
                 b.part(gratings, "grating", b.stock.grating, Place::at(at));
@@ -197,7 +198,7 @@ impl Level {
             let at = vec3(6.0 + 12.0 * (k % 2) as f32, 0.0, if k < 2 { -9.0 } else { 9.0 });
             b.part(lamps, "lamp", b.stock.lamp, Place::at(at));
         }
-        let place = Place::yawed(vec3(random.range(3.0, 14.0), 0.1, 15.5), random.range(-0.1, 0.1));
+        let place = Place::yawed(vec3(random.range(3.0, 12.0), 0.1, 7.2), random.range(-0.1, 0.1));
         let cabinets = b.group(electrical, "cabinets", place);
         let count = if self.kind == Kind::Cabinets { 9 } else { 2 + random.below(2) };
         for k in 0..count {

@@ -35,6 +35,9 @@ pub struct Options {
     /// Walls by columns and rows.
     #[arg(long, value_name = "COLUMNSxROWS", value_delimiter = ',', default_value = "4x4,8x8", value_parser = Grid::parse)]
     grid: Vec<Grid>,
+    /// Width of the bezels, pixels of 320 across a tile; none, as in the paper's tight array, if left out.
+    #[arg(long, value_name = "PIXELS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=64))]
+    bezel_px: u32,
     /// Camera path: a file, or a walk made for the scene: orbit, whole, interior, flythrough, pan.
     #[arg(long, value_name = "NAME|FILE", default_value = "whole")]
     path: String,
@@ -53,7 +56,7 @@ pub struct Options {
     /// Instead, move so many percent of the objects before every frame, and measure moving, refitting and culling.
     #[arg(long, value_name = "PERCENT,…", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(0..=100))]
     moving: Vec<u8>,
-    /// naive, oh-plain, fh, oh, adaptive, sweep: some of them, or all.
+    /// naive, oh-plain, fh, oh, adaptive, adaptive-grouped, sweep: some of them, or all.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',', default_value = "all")]
     algorithm: Vec<String>,
     /// Write every figure and what machine this is (JSON; `-` for standard output).
@@ -98,14 +101,14 @@ pub fn run(options: &Options) -> Result<()> {
         let package = Arc::new(open_named_scene(scene, &how)?);
         for grid in &options.grid {
             if options.moving.is_empty() {
-                let table = measured(&name, &package, *grid, &source, options.frames, &contestants)?;
+                let table = measured(&name, &package, *grid, &source, options, &contestants)?;
                 if !is_piped {
                     table.print();
                 }
                 tables.push(table);
             }
             for percent in &options.moving {
-                let table = measured_moving(&name, &package, *grid, &source, options.frames, *percent)?;
+                let table = measured_moving(&name, &package, *grid, &source, options, *percent)?;
                 if !is_piped {
                     table.print();
                 }
@@ -127,12 +130,12 @@ fn measured(
     package: &Package,
     grid: Grid,
     source: &PathSource,
-    frames: Option<u64>,
+    options: &Options,
     contestants: &[Contestant],
 ) -> Result<Table> {
-    let wall = grid_wall(grid)?;
-    let path = source.path(package, &wall, frames)?;
-    let frames = frames.unwrap_or((path.poses().len() as u64).min(DEFAULT_MAX_FRAMES));
+    let wall = grid_wall(grid, options.bezel_px)?;
+    let path = source.path(package, &wall, options.frames)?;
+    let frames = options.frames.unwrap_or((path.poses().len() as u64).min(DEFAULT_MAX_FRAMES));
     let rows = measure(&Case { package, wall: &wall, path: &path, frames }, contestants)?;
     Ok(Table {
         scene: name.to_owned(),
@@ -151,12 +154,12 @@ fn measured_moving(
     package: &Arc<Package>,
     grid: Grid,
     source: &PathSource,
-    frames: Option<u64>,
+    options: &Options,
     percent: u8,
 ) -> Result<MovingTable> {
-    let wall = grid_wall(grid)?;
-    let path = source.path(package, &wall, frames)?;
-    let frames = frames.unwrap_or((path.poses().len() as u64).min(DEFAULT_MAX_FRAMES));
+    let wall = grid_wall(grid, options.bezel_px)?;
+    let path = source.path(package, &wall, options.frames)?;
+    let frames = options.frames.unwrap_or((path.poses().len() as u64).min(DEFAULT_MAX_FRAMES));
     let (moving_objects, rows) = moving::measure(&MovingCase { package, wall: &wall, path: &path, frames, percent });
     Ok(MovingTable { scene: name.to_owned(), grid: grid.to_string(), percent, moving_objects, frames, rows })
 }

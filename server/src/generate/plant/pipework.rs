@@ -27,9 +27,9 @@ pub fn fill(glb: &mut GlbWriter, pipes: &[PipeParts], racks: &[Rack], [leaves, g
         let mut random = random.fork();
         for (slot, parts) in parts.by_ref().take(lines).enumerate() {
             let service = random.pick(pipes);
-            let place = start(slot, &mut random);
+            let (place, run_m) = start(slot, &mut random);
             let line = glb.node(Some(rack.node), format!("{} line {}", service.service, slot + 1), None, place);
-            Line::new(service, line, &mut random).lay(glb, parts, &mut random);
+            Line::new(service, line, &mut random).lay(glb, parts, run_m, &mut random);
         }
     }
 }
@@ -48,17 +48,22 @@ fn deal(total: usize, hands: usize, [low, high]: [usize; 2], random: &mut Random
     dealt
 }
 
-/// Most lines lie in the rack; some cross the level at an angle, some fall towards a drain.
-fn start(slot: usize, random: &mut Random) -> Place {
+/// Where a line starts, and how far it runs until something is on it. Most lines lie in the rack; some cross the level
+/// at an angle, some fall towards a drain.
+fn start(slot: usize, random: &mut Random) -> (Place, f32) {
     let (column, tier) = ((slot / 2) as f32 - 3.0, (slot % 2) as f32);
     let at = vec3(0.0, tier * 0.7, column * SLOT_M);
-    match random.below(8) {
-        0 => Place::yawed(at + vec3(random.range(2.0, 14.0), random.range(-1.5, 0.0), 0.0), random.range(-0.6, 0.6)),
-        1 => {
-            let fall = vec3(1.0, random.range(-0.12, -0.04), random.range(-0.05, 0.05));
-            Place { scale: Vec3::ONE, ..Place::between(at, at + fall, [1.0, 1.0]) }
+    match random.below(10) {
+        0 | 1 => {
+            let at = at + vec3(random.range(4.0, 12.0), random.range(-1.5, 0.0), 0.0);
+            (Place::yawed(at, random.range(-0.5, 0.5)), random.range(3.0, 9.0))
         }
-        _ => Place::at(at),
+        2 => {
+            let fall = vec3(1.0, random.range(-0.12, -0.04), random.range(-0.05, 0.05));
+            (Place::between(at, at + fall, [1.0, 1.0]).scaled(Vec3::ONE), random.range(8.0, AREA_M - 4.0))
+        }
+        3 | 4 => (Place::at(at), random.range(6.0, AREA_M - 2.0)),
+        _ => (Place::at(at), AREA_M - 0.8),
     }
 }
 
@@ -78,8 +83,8 @@ impl<'a> Line<'a> {
     }
 
     /// Pipes and fittings in turn, beginning with the long run.
-    fn lay(mut self, glb: &mut GlbWriter, parts: usize, random: &mut Random) {
-        let mut length_m = if random.chance(0.7) { AREA_M - 0.8 } else { random.range(6.0, AREA_M - 2.0) };
+    fn lay(mut self, glb: &mut GlbWriter, parts: usize, run_m: f32, random: &mut Random) {
+        let mut length_m = run_m;
         for part in 0..parts {
             if part % 2 == 0 {
                 self.straight(glb, length_m);
@@ -102,7 +107,7 @@ impl<'a> Line<'a> {
 
     /// A right angle towards somewhere on this level; gives the length of the way there.
     fn turn(&mut self, glb: &mut GlbWriter, random: &mut Random) -> f32 {
-        let target = vec3(random.range(1.0, AREA_M - 1.0), random.range(-3.8, 1.0), random.range(-0.4, 0.4) * HALF_WIDTH_M);
+        let target = vec3(random.range(1.0, AREA_M - 1.0), random.range(-3.8, 1.0), random.range(-0.3, 0.3) * HALF_WIDTH_M);
         let way = (target - self.at).reject_from_normalized(self.along);
         let axis = way.abs().max_position();
         let mut to = Vec3::ZERO;
