@@ -35,12 +35,11 @@ fn the_tree_is_the_papers() {
 }
 
 #[test]
-fn the_object_hierarchy_has_that_tree() {
+fn the_prepared_scene_has_that_tree() {
     let package = prepare(loaded(1), &PrepareOptions::default(), &|_, _, _| {}).unwrap().package;
     let counts = statistics(&package);
-    assert_eq!((counts.nodes, counts.inner_nodes, counts.leaves), (5037, 1118, 3919));
-    assert_eq!(counts.inner_nodes_of_file, 1118);
-    assert!((counts.average_branching - 5036.0 / 1118.0).abs() < 1e-6, "{}", counts.average_branching);
+    assert_eq!((counts.file_nodes, counts.file_inner_nodes, counts.leaves), (5037, 1118, 3919));
+    assert!((counts.file_branching - 5036.0 / 1118.0).abs() < 1e-6, "{}", counts.file_branching);
 }
 
 #[test]

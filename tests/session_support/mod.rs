@@ -53,12 +53,12 @@ pub fn package(leaf_count: u32) -> Arc<Package> {
         let (min, max) = (DVec3::new(f64::from(from), 0.0, 0.0), DVec3::new(f64::from(to), 2.0, 3.0));
         Obb::from(Aabb { min, max })
     };
-    let node = |id: u32, subtree_end, from, to| {
+    let node = |subtree_end, from, to| {
         let leaves = LeafRange::new(from, to);
-        OhNode { bound: bound(from, to), subtree_end, leaves, object: (id > 0).then(|| ObjectId((id - 1) % OBJECTS)) }
+        OhNode { bound: bound(from, to), subtree_end, leaves }
     };
-    let mut nodes = vec![node(0, leaf_count + 1, 0, leaf_count)];
-    nodes.extend((0..leaf_count).map(|i| node(i + 1, i + 2, i, i + 1)));
+    let mut nodes = vec![node(leaf_count + 1, 0, leaf_count)];
+    nodes.extend((0..leaf_count).map(|i| node(i + 2, i, i + 1)));
     let object = |i: u32| Object {
         parent: None,
         name: format!("object {i}"),
