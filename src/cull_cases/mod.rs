@@ -292,10 +292,16 @@ impl Round {
     }
 }
 
-/// Where the room stands: an eye inside a leaf's box, near the scene or off it; of a size from doll's house to city.
+/// Where the room stands: an eye inside a leaf's box, near the scene or off it; of a size from doll's house to city; turned
+/// anyhow or towards a leaf.
 fn pose(random: &mut Random, scene: &Scene, eye: DVec3) -> DAffine3 {
     let scale = DVec3::splat(random.magnitude(0.1, 20.0) * scene.unit_m());
-    let turned = DAffine3::from_scale_rotation_translation(scale, random.turn(), DVec3::ZERO);
     let stand = if random.chance(2) { random.pick(scene.leaves()).center } else { scene.point_near(random) };
+    let ahead = (random.pick(scene.leaves()).center - stand).try_normalize();
+    let turn = match ahead {
+        Some(ahead) if !random.chance(4) => DQuat::from_rotation_arc(DVec3::NEG_Z, ahead),
+        _ => random.turn(),
+    };
+    let turned = DAffine3::from_scale_rotation_translation(scale, turn, DVec3::ZERO);
     DAffine3 { translation: stand - turned.transform_point3(eye), ..turned }
 }
