@@ -33,8 +33,6 @@ const LARGE_VIEWS: u32 = 6;
 const LARGE_FRAMES: u32 = 4;
 /// Frames of a round.
 const FRAMES: [u32; 4] = [1, 4, 8, 24];
-/// Drops told one by one; the others are only counted.
-const MAX_DROPS_TOLD: usize = 16;
 
 /// What was found.
 #[derive(Debug, Serialize)]
@@ -47,6 +45,7 @@ pub struct Report {
     /// Cases in which the view sees the leaf's box.
     pub visible: u64,
     pub contestants: Vec<Standing>,
+    /// One for each round in which something was dropped.
     pub drops: Vec<Drop>,
 }
 
@@ -61,7 +60,7 @@ pub struct Standing {
     pub excess_percent: f64,
 }
 
-/// A leaf that a view sees, left out.
+/// The first leaf of a round that a view sees and that was left out.
 #[derive(Debug, Serialize)]
 pub struct Drop {
     /// Makes this round again, as the first one.
@@ -69,7 +68,8 @@ pub struct Drop {
     pub scene: String,
     pub room: String,
     pub frame: u32,
-    pub contestant: String,
+    /// Who has dropped a leaf in this round. The first one has dropped this.
+    pub contestants: Vec<String>,
     pub leaf: u32,
     pub view: u16,
     pub bound: Obb,
@@ -267,10 +267,15 @@ impl Round {
                 standing.dropped += u64::from(missing.len());
                 first = first.or_else(|| missing.leaves().next().map(|leaf| (leaf, view)));
             }
-            let is_told = report.drops.iter().any(|drop| drop.seed == self.seed && drop.contestant == standing.name);
-            if let (Some((leaf, view)), false) = (first, is_told || report.drops.len() >= MAX_DROPS_TOLD) {
-                let contestant = standing.name.clone();
-                report.drops.push(self.drop_of(frame, contestant, leaf, view, &frusta[view]));
+            let Some((leaf, view)) = first else { continue };
+            let name = standing.name.clone();
+            match report.drops.last_mut() {
+                Some(drop) if drop.seed == self.seed => {
+                    if !drop.contestants.contains(&name) {
+                        drop.contestants.push(name);
+                    }
+                }
+                _ => report.drops.push(self.drop_of(frame, name, leaf, view, &frusta[view])),
             }
         }
     }
@@ -281,7 +286,7 @@ impl Round {
             scene: self.scene.describe(),
             room: self.room.describe(),
             frame,
-            contestant,
+            contestants: vec![contestant],
             leaf,
             view: view as u16,
             bound: self.scene.leaves()[leaf as usize],
