@@ -43,6 +43,8 @@ struct CullOptions {
 }
 
 const MAX_CASES: u64 = 1_000_000_000;
+/// Rounds of which a dropped leaf is printed; of the others only the seed.
+const MAX_DROPS_TOLD: usize = 16;
 
 #[derive(clap::Args)]
 struct PixelOptions {
@@ -94,7 +96,7 @@ fn verify_cull(options: &CullOptions) -> Result<()> {
         None => Ok(()),
         Some(drop) => Err(anyhow!(
             "leaves that a view sees were dropped by {}; again with: mullion verify cull --seed {} --cases 1",
-            failed.join(", "),
+            failed.join("; "),
             drop.seed
         )),
     }
@@ -114,11 +116,14 @@ fn print_report(report: &Report) {
     for c in &report.contestants {
         say!("{:30} {:12} {:8} {:8.3}%", c.name, c.found, c.dropped, c.excess_percent);
     }
-    for drop in &report.drops {
-        say!("dropped by {} in frame {} of the round with seed {}", drop.contestant, drop.frame, drop.seed);
+    for drop in report.drops.iter().take(MAX_DROPS_TOLD) {
+        say!("round with seed {}: in frame {}, dropped by {}", drop.seed, drop.frame, drop.contestants.join("; "));
         say!("  scene: {}; room: {}", drop.scene, drop.room);
         say!("  leaf {}: {:?}", drop.leaf, drop.bound);
         say!("  view {}: eye {:?}, rays {:?}, planes {:?}", drop.view, drop.eye, drop.rays, drop.planes);
+    }
+    for drop in report.drops.iter().skip(MAX_DROPS_TOLD) {
+        say!("round with seed {}", drop.seed);
     }
 }
 

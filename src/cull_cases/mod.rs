@@ -11,7 +11,7 @@ mod scenes;
 use std::sync::Arc;
 
 use anyhow::Result;
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
 use mullion_common::geometry::{Frustum, Obb};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
@@ -30,9 +30,9 @@ const MAX_LEAVES: u32 = 4000;
 const LARGE_ONE_IN: u64 = 16;
 const LARGE_LEAVES: u32 = 36_000;
 const LARGE_VIEWS: u32 = 6;
-const FRAMES: [u32; 4] = [1, 3, 6, 12];
-/// Drops told one by one; the others are only counted.
-const MAX_DROPS_TOLD: usize = 16;
+const LARGE_FRAMES: u32 = 4;
+/// Frames of a round.
+const FRAMES: [u32; 4] = [1, 4, 8, 24];
 
 /// What was found.
 #[derive(Debug, Serialize)]
@@ -45,6 +45,7 @@ pub struct Report {
     /// Cases in which the view sees the leaf's box.
     pub visible: u64,
     pub contestants: Vec<Standing>,
+    /// One for each round in which something was dropped.
     pub drops: Vec<Drop>,
 }
 
@@ -59,7 +60,7 @@ pub struct Standing {
     pub excess_percent: f64,
 }
 
-/// A leaf that a view sees, left out.
+/// The first leaf of a round that a view sees and that was left out.
 #[derive(Debug, Serialize)]
 pub struct Drop {
     /// Makes this round again, as the first one.
@@ -67,7 +68,8 @@ pub struct Drop {
     pub scene: String,
     pub room: String,
     pub frame: u32,
-    pub contestant: String,
+    /// Who has dropped a leaf in this round. The first one has dropped this.
+    pub contestants: Vec<String>,
     pub leaf: u32,
     pub view: u16,
     pub bound: Obb,
@@ -144,6 +146,15 @@ impl Contestant {
     }
 }
 
+/// How much changes between frames.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Pace {
+    /// The scene stays as it is; room and heads move little, or not at all: what temporal slack is for.
+    Calm,
+    /// The scene may be edited, room and heads may jump.
+    Lively,
+}
+
 /// Frames of one scene in one room.
 struct Round {
     seed: u64,
@@ -154,6 +165,7 @@ struct Round {
     heads: Vec<DVec3>,
     world_from_room: DAffine3,
     frames: u32,
+    pace: Pace,
     cullers: Vec<Culler>,
     exact: Vec<VisibleSet>,
     found: Vec<VisibleSet>,
@@ -162,7 +174,8 @@ struct Round {
 impl Round {
     fn new(seed: u64) -> Result<Self> {
         let mut random = Random::new(seed);
-        let (scene, room) = if random.chance(LARGE_ONE_IN) {
+        let is_large = random.chance(LARGE_ONE_IN);
+        let (scene, room) = if is_large {
             let branching = random.count(2, 40);
             let shape = random.pick(&[Shape::Compact { branching }, Shape::Spanning { branching }, Shape::Flat]);
             (Scene::of_shape(&mut random, shape, LARGE_LEAVES), Room::random(&mut random, LARGE_VIEWS))
@@ -179,7 +192,8 @@ impl Round {
             seed,
             tree: CullTree::new(Arc::new(scene.hierarchy())),
             world_from_room: pose(&mut random, &scene, heads[0]),
-            frames: random.pick(&FRAMES),
+            frames: if is_large { LARGE_FRAMES } else { random.pick(&FRAMES) },
+            pace: random.pick(&[Pace::Calm, Pace::Lively]),
             heads,
             cullers,
             exact: sets(),
@@ -191,11 +205,11 @@ impl Round {
     }
 
     /// What happens to the scene before a frame: the only place where the tree changes.
-    fn edit_tree(&mut self, frusta: &[Frustum]) {
-        if self.random.chance(3) {
+    fn edit_tree(&mut self, frame: u32, frusta: &[Frustum]) {
+        if self.random.chance(2) || (frame > 0 && self.pace == Pace::Calm) {
             return;
         }
-        if self.random.chance(2) {
+        if self.random.chance(3) {
             self.scene.move_some(&mut self.random);
         } else {
             self.scene.touch_some(&mut self.random, frusta);
@@ -205,23 +219,23 @@ impl Round {
 
     /// The room stands still, goes on a little or jumps, and so do the heads.
     fn move_on(&mut self) {
+        let (furthest, widest) = if self.pace == Pace::Calm { (1e-2, 1e-3) } else { (1.0, 0.1) };
         match self.random.next() % 8 {
             0 => {}
-            1 => self.world_from_room = pose(&mut self.random, &self.scene, self.heads[0]),
+            1 if self.pace == Pace::Lively => self.world_from_room = pose(&mut self.random, &self.scene, self.heads[0]),
             _ => {
-                let step_m = self.random.magnitude(1e-5, 1.0) * self.scene.unit_m();
-                let turn = self.random.magnitude(1e-6, 0.1);
-                let turned = DAffine3::from_quat(glam::DQuat::from_scaled_axis(self.random.point(turn)));
+                let step_m = self.random.magnitude(1e-6, furthest) * self.scene.unit_m();
+                let turn = self.random.magnitude(1e-7, widest);
                 self.world_from_room.translation += self.random.point(step_m);
-                self.world_from_room.matrix3 *= turned.matrix3;
+                self.world_from_room.matrix3 *= DMat3::from_quat(DQuat::from_scaled_axis(self.random.point(turn)));
             }
         }
         match self.random.next() % 4 {
             0 => {
-                let step_m = self.random.magnitude(1e-5, 0.3);
+                let step_m = self.random.magnitude(1e-6, furthest);
                 self.heads.iter_mut().for_each(|head| *head += self.random.point(step_m));
             }
-            1 => self.heads = self.room.heads(&mut self.random),
+            1 if self.pace == Pace::Lively => self.heads = self.room.heads(&mut self.random),
             _ => {}
         }
     }
@@ -233,7 +247,7 @@ impl Round {
         let eyes = self.room.eyes(&self.heads);
         let frustum = |(view, eye): (usize, &DVec3)| self.room.wall().frustum(ViewId(view as u16), *eye, &self.world_from_room);
         let frusta: Vec<Frustum> = eyes.iter().enumerate().map(frustum).collect();
-        self.edit_tree(&frusta);
+        self.edit_tree(frame, &frusta);
         for (frustum, set) in frusta.iter().zip(&mut self.exact) {
             set.clear();
             oracle::visible_leaves(self.tree.hierarchy(), frustum, set);
@@ -253,10 +267,15 @@ impl Round {
                 standing.dropped += u64::from(missing.len());
                 first = first.or_else(|| missing.leaves().next().map(|leaf| (leaf, view)));
             }
-            let is_told = report.drops.iter().any(|drop| drop.seed == self.seed && drop.contestant == standing.name);
-            if let (Some((leaf, view)), false) = (first, is_told || report.drops.len() >= MAX_DROPS_TOLD) {
-                let contestant = standing.name.clone();
-                report.drops.push(self.drop_of(frame, contestant, leaf, view, &frusta[view]));
+            let Some((leaf, view)) = first else { continue };
+            let name = standing.name.clone();
+            match report.drops.last_mut() {
+                Some(drop) if drop.seed == self.seed => {
+                    if !drop.contestants.contains(&name) {
+                        drop.contestants.push(name);
+                    }
+                }
+                _ => report.drops.push(self.drop_of(frame, name, leaf, view, &frusta[view])),
             }
         }
     }
@@ -267,7 +286,7 @@ impl Round {
             scene: self.scene.describe(),
             room: self.room.describe(),
             frame,
-            contestant,
+            contestants: vec![contestant],
             leaf,
             view: view as u16,
             bound: self.scene.leaves()[leaf as usize],
@@ -278,10 +297,16 @@ impl Round {
     }
 }
 
-/// Where the room stands: an eye inside a leaf's box, near the scene or off it; of a size from doll's house to city.
+/// Where the room stands: an eye inside a leaf's box, near the scene or off it; of a size from doll's house to city; turned
+/// anyhow or towards a leaf.
 fn pose(random: &mut Random, scene: &Scene, eye: DVec3) -> DAffine3 {
     let scale = DVec3::splat(random.magnitude(0.1, 20.0) * scene.unit_m());
-    let turned = DAffine3::from_scale_rotation_translation(scale, random.turn(), DVec3::ZERO);
     let stand = if random.chance(2) { random.pick(scene.leaves()).center } else { scene.point_near(random) };
+    let ahead = (random.pick(scene.leaves()).center - stand).try_normalize();
+    let turn = match ahead {
+        Some(ahead) if !random.chance(4) => DQuat::from_rotation_arc(DVec3::NEG_Z, ahead),
+        _ => random.turn(),
+    };
+    let turned = DAffine3::from_scale_rotation_translation(scale, turn, DVec3::ZERO);
     DAffine3 { translation: stand - turned.transform_point3(eye), ..turned }
 }

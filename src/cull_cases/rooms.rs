@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use glam::DVec3;
-use mullion_common::wall::{MAX_TILES, Wall, WallConfig};
+use mullion_common::wall::{MAX_TILES, View, Wall, WallConfig};
 
 use super::random::Random;
 
@@ -117,7 +117,7 @@ impl Room {
     /// The eye of each view, by `ViewId`. Where a head stands where the wall cannot be seen from, the wall file's eye.
     pub fn eyes(&self, heads: &[DVec3]) -> Vec<DVec3> {
         let defaults = self.wall.default_eyes();
-        let eye = |(view, default): (&mullion_common::wall::View, &DVec3)| {
+        let eye = |(view, default): (&View, &DVec3)| {
             let head = heads[self.wall.tile(view.tile).screen / self.screens];
             if self.wall.check_eye(head).is_ok() { head } else { *default }
         };

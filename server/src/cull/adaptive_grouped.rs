@@ -17,7 +17,9 @@ const LEAST_GROUP: usize = 3;
 /// Culls the object hierarchy to the frustum hierarchy as `adaptive` does, but for what happens to the children of a node
 /// that a bisection plane cuts: those that lie on one side of it (the paper's L, and its R) go on as one *pseudo-group*,
 /// with a box around theirs. A group is tested as a node is, and comes apart where a plane cuts it; its members are then
-/// classified and grouped anew. Pays where nodes have very many children.
+/// classified and grouped anew. Saves tests
+/// wherever nodes have more than a few children (`server/tests/adaptive_grouped.rs` counts them), and time, since boxes must be
+/// made, only where they have hundreds.
 ///
 /// As conservative as `adaptive`: a group's box encloses its members', and is axis-aligned.
 pub(super) fn cull(
@@ -39,7 +41,9 @@ pub(super) fn cull(
 #[derive(Default)]
 pub(super) struct Memory {
     stack: Vec<Meeting>,
-    /// Nodes in groups, group after group; those of the topmost of the stack stand last.
+    /// The groups on the stack and the one in hand, in the order of the stack.
+    groups: Vec<Group>,
+    /// Their members, group after group.
     members: Vec<u32>,
     /// Nodes of which one side is known: the negative one, the positive one.
     sides: [Vec<u32>; 2],
@@ -53,8 +57,17 @@ enum Party {
     Node(u32),
     /// One with children that the bisection plane is known to cut.
     CutNode(u32),
-    /// A pseudo-group: `start..end` of the members, and a box around them.
-    Group { start: u32, end: u32, bound: Obb },
+    /// A pseudo-group, by its place in the list of them.
+    Group(u32),
+}
+
+/// Nodes that go on as one.
+struct Group {
+    /// `start..end` in the list of members.
+    start: u32,
+    end: u32,
+    /// Around the members' boxes.
+    bound: Obb,
 }
 
 /// A node or a group, a node of the frustum hierarchy that it meets, and what is known of the two.
@@ -66,8 +79,8 @@ struct Meeting {
     depth: u8,
     /// Bit d: the party is wholly on this side of the bisection plane of the ancestor at depth d.
     parted: u32,
-    /// How many members of groups there were when this was put off.
-    members: u32,
+    /// How many groups there were when this was put off: those made since are done with when its turn comes.
+    groups: u32,
 }
 
 struct Traversal<'a> {
@@ -83,9 +96,10 @@ struct Traversal<'a> {
 impl Traversal<'_> {
     fn run(&mut self, node: u32) {
         self.memory.stack.clear();
-        self.memory.stack.push(Meeting { party: Party::Node(node), fh: 0, depth: 0, parted: 0, members: 0 });
+        self.memory.stack.push(Meeting { party: Party::Node(node), fh: 0, depth: 0, parted: 0, groups: 0 });
         while let Some(meeting) = self.memory.stack.pop() {
-            self.memory.members.truncate(meeting.members as usize);
+            self.memory.groups.truncate(meeting.groups as usize);
+            self.memory.members.truncate(self.memory.groups.last().map_or(0, |group| group.end as usize));
             match *self.frusta.node(meeting.fh) {
                 FrustumNode::Cells { start, end } => self.check(&meeting, start, end),
                 FrustumNode::Split { cell, side, negative, positive } => {
@@ -99,7 +113,7 @@ impl Traversal<'_> {
     /// The terminal check: emits what the cells may see, tested against the planes that nothing on the way has settled.
     fn check(&mut self, meeting: &Meeting, start: u32, end: u32) {
         let Self { hierarchy, frusta, primary_cut, memory, sets, stats } = self;
-        let Memory { members, descent, .. } = memory;
+        let Memory { groups, members, descent, .. } = memory;
         for (cell, guards) in frusta.cells_of(start, end) {
             let mask = untested_planes(guards, *primary_cut, meeting.parted);
             let frustum = &frusta.cells()[usize::from(cell)];
@@ -107,9 +121,10 @@ impl Traversal<'_> {
             let mut descend = |node, mask, stats: &mut CullStats| {
                 oh::descend(hierarchy, node, frustum, mask, descent, stats, &mut |leaves| emit(sets, views, leaves));
             };
-            match &meeting.party {
-                Party::Node(node) | Party::CutNode(node) => descend(*node, mask, stats),
-                Party::Group { start, end, bound } => {
+            match meeting.party {
+                Party::Node(node) | Party::CutNode(node) => descend(node, mask, stats),
+                Party::Group(group) => {
+                    let Group { start, end, bound } = &groups[group as usize];
                     stats.nodes_visited += 1;
                     let cut = oh::cut_planes(|k| (&frustum.planes[k], frustum.eye), mask, bound, stats);
                     // A member that no plane cuts any more is emitted without a test.
@@ -124,15 +139,16 @@ impl Traversal<'_> {
     /// Sends a party on to one side of a bisection plane, or takes it apart.
     fn part(&mut self, meeting: Meeting, plane: &Plane, eye: DVec3, halves: [u32; 2]) {
         let nodes = self.hierarchy.nodes();
-        let containment = match &meeting.party {
+        let containment = match meeting.party {
             Party::CutNode(_) => Containment::Cut,
-            Party::Node(node) => self.classify(&nodes[*node as usize].bound, plane, eye),
-            Party::Group { bound, .. } => self.classify(bound, plane, eye),
+            Party::Node(node) => classify(&nodes[node as usize].bound, plane, eye, self.stats),
+            Party::Group(group) => classify(&self.memory.groups[group as usize].bound, plane, eye, self.stats),
         };
         match (containment, meeting.party) {
             (Containment::Outside, party) => self.meet(party, &meeting, halves[0], true),
             (Containment::Inside, party) => self.meet(party, &meeting, halves[1], true),
-            (Containment::Cut, Party::Group { start, end, .. }) => {
+            (Containment::Cut, Party::Group(group)) => {
+                let Group { start, end, .. } = self.memory.groups[group as usize];
                 for member in start..end {
                     let node = self.memory.members[member as usize];
                     self.sort(node, &meeting, plane, eye, halves);
@@ -155,19 +171,19 @@ impl Traversal<'_> {
         }
     }
 
-    /// Classifies a node as the paper's L, C or R. L and R are kept for [`Traversal::regroup`]; a leaf of C goes to both halves, another node
-    /// comes apart by the same plane.
+    /// Classifies a node as the paper's L, C or R. L and R are kept for [`Traversal::regroup`]; a leaf of C goes to both
+    /// halves, another node comes apart by the same plane.
     fn sort(&mut self, node: u32, meeting: &Meeting, plane: &Plane, eye: DVec3, halves: [u32; 2]) {
         let current = &self.hierarchy.nodes()[node as usize];
-        match self.classify(&current.bound, plane, eye) {
+        match classify(&current.bound, plane, eye, self.stats) {
             Containment::Outside => self.memory.sides[0].push(node),
             Containment::Inside => self.memory.sides[1].push(node),
             Containment::Cut if current.subtree_end == node + 1 => {
                 halves.into_iter().for_each(|half| self.meet(Party::Node(node), meeting, half, false));
             }
             Containment::Cut => {
-                let members = self.memory.members.len() as u32;
-                self.memory.stack.push(Meeting { party: Party::CutNode(node), members, ..*meeting });
+                let groups = self.memory.groups.len() as u32;
+                self.memory.stack.push(Meeting { party: Party::CutNode(node), groups, ..*meeting });
             }
         }
     }
@@ -184,7 +200,9 @@ impl Traversal<'_> {
                 let start = self.memory.members.len() as u32;
                 self.memory.members.extend_from_slice(&list);
                 let end = self.memory.members.len() as u32;
-                self.meet(Party::Group { start, end, bound: around.into() }, meeting, half, true);
+                let group = self.memory.groups.len() as u32;
+                self.memory.groups.push(Group { start, end, bound: around.into() });
+                self.meet(Party::Group(group), meeting, half, true);
             }
             self.memory.sides[side] = list;
             self.memory.sides[side].clear();
@@ -194,13 +212,13 @@ impl Traversal<'_> {
     /// Puts a party off until it meets a half of the frustum hierarchy, on one side of whose plane it `is_parted`.
     fn meet(&mut self, party: Party, above: &Meeting, fh: u32, is_parted: bool) {
         let parted = above.parted | (u32::from(is_parted) << above.depth);
-        let members = self.memory.members.len() as u32;
-        self.memory.stack.push(Meeting { party, fh, depth: above.depth + 1, parted, members });
+        let groups = self.memory.groups.len() as u32;
+        self.memory.stack.push(Meeting { party, fh, depth: above.depth + 1, parted, groups });
     }
+}
 
-    fn classify(&mut self, bound: &Obb, plane: &Plane, eye: DVec3) -> Containment {
-        self.stats.nodes_visited += 1;
-        self.stats.plane_tests += 1;
-        plane.classify(bound, eye)
-    }
+fn classify(bound: &Obb, plane: &Plane, eye: DVec3, stats: &mut CullStats) -> Containment {
+    stats.nodes_visited += 1;
+    stats.plane_tests += 1;
+    plane.classify(bound, eye)
 }
