@@ -141,3 +141,26 @@ fn leaves_are_found_whatever_encloses_them() {
     oracle::visible_leaves(&ObjectHierarchy::new(nodes).expect("a tree"), &frustum, &mut set);
     assert_eq!(set.leaves().collect::<Vec<_>>(), [0, 2]);
 }
+
+/// A doll's house a thousand kilometres from the origin: what touches a side of a view close to the eye, by less than what
+/// coordinates round there, is not outside any plane.
+#[test]
+fn planes_far_from_the_origin_part_nothing_wrongly() {
+    let far = DVec3::new(1.0, -0.6, 0.3) * 1e6;
+    let mut seen = 0;
+    for i in 0..2000 {
+        let turn = DQuat::from_scaled_axis(DVec3::new(f64::from(i) * 0.01, 1.3, -0.4));
+        let room = DAffine3::from_scale_rotation_translation(DVec3::splat(2e-5), turn, far);
+        let frustum = view(DVec3::new(0.3, 0.2, 0.5), 0.05, &room);
+        let share = f64::from(i % 7) / 6.0;
+        for side in 0..4 {
+            let along = frustum.rays[side] * share + frustum.rays[(side + 1) % 4] * (1.0 - share);
+            let point = Obb::of_point(frustum.eye + along);
+            if oracle::intersects(&frustum, &point) {
+                seen += 1;
+                assert_ne!(frustum.classify(&point), Containment::Outside, "{i} {side}");
+            }
+        }
+    }
+    assert!(seen > 1000, "{seen}");
+}

@@ -61,7 +61,8 @@ impl Scene {
 
     /// A scene of a shape, with so many leaves.
     pub fn of_shape(random: &mut Random, shape: Shape, count: u32) -> Self {
-        let (unit_m, away_m) = random.pick(&[(1.0, 0.0), (1.0, 10.0), (1.0, 1e6), (1e-3, 0.0), (1e-3, 1.0), (3e4, 0.0)]);
+        let (unit_m, away_m) =
+            random.pick(&[(1.0, 0.0), (1.0, 10.0), (1.0, 1e6), (1e-3, 0.0), (1e-3, 1.0), (1e-3, 1e6), (3e4, 0.0)]);
         let clusters: Vec<DVec3> = (0..random.count(1, 12)).map(|_| random.point(REACH)).collect();
         let spread = random.magnitude(0.1, REACH);
         let middle = DVec3::new(1.0, -0.6, 0.3) * away_m;

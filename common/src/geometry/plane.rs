@@ -4,6 +4,10 @@ use glam::{DAffine3, DVec3};
 
 use super::{Containment, Obb, RELATIVE_SLACK};
 
+/// Share of absolute coordinates that rounding may cost: eye, plane and box are each placed in the world by about a dozen
+/// operations of half an ulp.
+const ABSOLUTE_ROUNDING: f64 = 16.0 * f64::EPSILON;
+
 /// The plane `normal · p + offset_m = 0`; points with a positive value are inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
@@ -38,12 +42,14 @@ impl Plane {
     /// Classifies a box against the positive half-space. Conservative: within rounding of the plane it is `Cut`.
     ///
     /// The slack grows with the box's distance from the plane's own origin of rounding, `reference`, usually
-    /// the eye: coordinates relative to it are what the GPU sees.
+    /// the eye: coordinates relative to it are what the GPU sees. What absolute coordinates round in `f64` is added: close to an
+    /// eye that is far from the origin it is more.
     pub fn classify(&self, obb: &Obb, reference: DVec3) -> Containment {
         let distance_m = self.normal.dot(obb.center) + self.offset_m;
         let radius_m = obb.radius_along(self.normal);
         let to_box = (obb.center - reference).abs();
-        let slack_m = (to_box.x + to_box.y + to_box.z + radius_m) * RELATIVE_SLACK;
+        let absolute_m = obb.center.abs().element_sum() + self.offset_m.abs();
+        let slack_m = (to_box.x + to_box.y + to_box.z + radius_m) * RELATIVE_SLACK + absolute_m * ABSOLUTE_ROUNDING;
         if distance_m + radius_m < -slack_m {
             Containment::Outside
         } else if distance_m - radius_m >= slack_m {
