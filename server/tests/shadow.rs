@@ -35,7 +35,7 @@ fn hierarchy(boxes: &mut [Obb]) -> ObjectHierarchy {
     fn add(nodes: &mut Vec<OhNode>, leaves: &mut u32, boxes: &mut [Obb]) {
         let at = nodes.len();
         let bound = Obb::around(boxes.iter().flat_map(Obb::corners)).expect("boxes");
-        nodes.push(OhNode { bound, subtree_end: 0, leaves: LeafRange::new(*leaves, 0), object: None });
+        nodes.push(OhNode { bound, subtree_end: 0, leaves: LeafRange::new(*leaves, 0) });
         if let [only] = boxes {
             nodes[at].bound = *only;
             *leaves += 1;
