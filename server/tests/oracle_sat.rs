@@ -133,7 +133,7 @@ fn leaves_are_found_whatever_encloses_them() {
     let frustum = view(DVec3::ZERO, 0.05, &DAffine3::IDENTITY);
     let at = |z: f64, subtree_end, start, end| {
         let bound = Obb::of_point(DVec3::new(0.0, 0.0, z));
-        OhNode { bound, subtree_end, leaves: LeafRange::new(start, end), object: None }
+        OhNode { bound, subtree_end, leaves: LeafRange::new(start, end) }
     };
     // The root's bound is wrong: it lies behind the eye.
     let nodes = vec![at(5.0, 4, 0, 3), at(-3.0, 2, 0, 1), at(4.0, 3, 1, 2), at(-9.0, 4, 2, 3)];
