@@ -138,7 +138,7 @@ impl<'a> Collapse<'a> {
         splits.fold((1, f32::INFINITY), |best, split| if split.1 < best.1 { split } else { best })
     }
 
-    /// The nodes that stand below `at`, in order.
+    /// The nodes that stand below `at`, leaves first.
     fn gather(&self, at: u32, children: &mut Vec<u32>) {
         children.clear();
         let mut open = vec![(at, LANES)];
@@ -155,5 +155,7 @@ impl<'a> Collapse<'a> {
             let (first, _) = self.best_split(left, right, count);
             open.extend([(right, count - first), (left, first)]);
         }
+        // Leaves first: what a walk finds of them goes out before it opens the others.
+        children.sort_by_key(|child| self.tree.nodes[*child as usize].item.is_none());
     }
 }

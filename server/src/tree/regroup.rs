@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 /// Boxes that obvhs sees at a time. It merges pairs of nearest neighbours, pass by pass: where boxes lie in one another
 /// without end it merges one pair a pass, and its time grows with the square of their number.
-const RUN: usize = 1024;
+const RUN: usize = 4096;
 
 /// A node of a [`Tree`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -148,7 +148,7 @@ fn ploc(boxes: &[Aabb], all: &Aabb) -> Tree {
     let origin = all.center();
     let single: Vec<obvhs::aabb::Aabb> =
         boxes.iter().map(|b| obvhs::aabb::Aabb::new((b.min - origin).as_vec3a(), (b.max - origin).as_vec3a())).collect();
-    let params = BvhBuildParams { max_prims_per_leaf: 1, pre_split: false, ..BvhBuildParams::medium_build() };
+    let params = BvhBuildParams { max_prims_per_leaf: 1, pre_split: false, ..BvhBuildParams::very_slow_build() };
     let bvh = build_bvh2(&single, params, &mut Duration::default());
 
     let mut nodes: Vec<TreeNode> = Vec::with_capacity(boxes.len() * 2 - 1);

@@ -11,9 +11,9 @@ use crate::tree::{LANES, WideNode};
 
 /// Bits of a mask: outer sides of a rectangle of slots, and the near plane, that still may cut a box. Bottom and top stand
 /// two bits above left and right.
-const LEFT: u8 = 1;
-const RIGHT: u8 = 2;
-const NEAR: u8 = 16;
+pub(super) const LEFT: u8 = 1;
+pub(super) const RIGHT: u8 = 2;
+pub(super) const NEAR: u8 = 16;
 /// All of them.
 pub(super) const ALL_SIDES: u8 = 31;
 
@@ -23,7 +23,7 @@ const SLACK: f32 = (RELATIVE_SLACK * 2.0) as f32;
 
 /// A plane for the lanes, relative to the eye.
 #[derive(Clone, Copy, Debug, Default)]
-struct LanePlane {
+pub(super) struct LanePlane {
     normal: [f32; 3],
     offset_m: f32,
     /// The normal's coordinates without their signs.
@@ -57,6 +57,18 @@ impl LanePlanes {
         }
         self.negative.resize(self.axes[0].len().max(self.axes[1].len()), 0);
     }
+
+    /// The near plane.
+    #[inline(always)]
+    pub(super) fn near(&self) -> &LanePlane {
+        &self.near
+    }
+
+    /// Columns' planes, or rows'.
+    #[inline(always)]
+    pub(super) fn of_axis(&self, axis: usize) -> &[LanePlane] {
+        &self.axes[axis]
+    }
 }
 
 /// Told how far from another answer each test was.
@@ -88,7 +100,8 @@ pub(super) struct Boxes<L: Lanes> {
     /// Distance from the eye within which all of them lie.
     pub reach_m: f32,
     slack_m: f32,
-    alive: u8,
+    /// Lanes with something in them.
+    pub alive: u8,
 }
 
 impl<L: Lanes> Boxes<L> {
@@ -128,7 +141,7 @@ impl<L: Lanes> Boxes<L> {
 
     /// The lanes wholly on the negative side of a plane, and those wholly on the positive one.
     #[inline(always)]
-    fn sides(&self, lanes: L, plane: &LanePlane, margins: &mut impl Margins<L>) -> (u8, u8) {
+    pub(super) fn sides(&self, lanes: L, plane: &LanePlane, margins: &mut impl Margins<L>) -> (u8, u8) {
         let middle = lanes.add(Self::dot(lanes, &self.middle, &plane.normal), lanes.splat(plane.offset_m));
         let radius = Self::dot(lanes, &self.half, &plane.absolute);
         let (high, low) = (lanes.add(middle, radius), lanes.sub(middle, radius));
@@ -236,7 +249,7 @@ pub(super) struct Found {
     /// Lanes that may be seen.
     pub alive: u8,
     /// Of these, the lanes that lie in one slot and are cut by nothing.
-    pub settled: u8,
+    settled: u8,
     /// Slots left out at the low end of each axis, and at the high end.
     low: [u64; 2],
     high: [u64; 2],
@@ -305,22 +318,6 @@ impl Found {
         zero_bytes(rest(0, across) | rest(1, up) | self.masks)
     }
 
-    /// The settled lanes that lie in the slot of the lane before them.
-    #[inline(always)]
-    pub(super) fn follows(&self) -> u8 {
-        let differs = (self.low[0] ^ (self.low[0] << 8)) | (self.low[1] ^ (self.low[1] << 8));
-        let both_settled = self.settled & (self.settled << 1);
-        zero_bytes(differs) & both_settled
-    }
-
-    /// The one slot of a settled lane.
-    #[inline(always)]
-    pub(super) fn settled_slot(&self, lane: usize, [left, _, bottom, _]: [u16; 4]) -> [u16; 4] {
-        let byte = |of: u64| u16::from((of >> (8 * lane)) as u8);
-        let (column, row) = (left + byte(self.low[0]), bottom + byte(self.low[1]));
-        [column, column + 1, row, row + 1]
-    }
-
     /// Keeps what [`Found::state`] has found out of a lane.
     pub(super) fn keep(&mut self, lane: usize, slots: [u16; 4], state: &State) {
         match state {
@@ -370,6 +367,16 @@ fn zero_bytes(bytes: u64) -> u8 {
     (zeros >> 7).wrapping_mul(0x0102_0408_1020_4080).to_be_bytes()[0]
 }
 
+/// Least and greatest signed distance of an oriented box from a plane, and what counts as rounding; metres.
+#[inline(always)]
+pub(super) fn extent_m(bound: &Obb, lattice: &Lattice, plane: &RelativePlane) -> [f64; 3] {
+    let offset = bound.center - lattice.eye();
+    let distance_m = offset.x.abs() + offset.y.abs() + offset.z.abs();
+    let middle_m = plane.normal.dot(offset) + plane.offset_m;
+    let radius_m = bound.radius_along(plane.normal);
+    [middle_m - radius_m, middle_m + radius_m, (distance_m + radius_m) * RELATIVE_SLACK]
+}
+
 /// The slots that a leaf's oriented box may meet, of those that its axis-aligned box may meet; none when no view sees it.
 #[inline(always)]
 fn refine<L: Lanes>(
@@ -381,16 +388,12 @@ fn refine<L: Lanes>(
     margins: &mut impl Margins<L>,
     stats: &mut CullStats,
 ) -> Option<[u16; 4]> {
-    let offset = bound.center - lattice.eye();
-    let distance_m = offset.x.abs() + offset.y.abs() + offset.z.abs();
     // −1: wholly on the negative side, 1: wholly on the positive one.
     let mut side = |plane: &RelativePlane| {
         stats.plane_tests += 1;
-        let middle_m = plane.normal.dot(offset) + plane.offset_m;
-        let radius_m = bound.radius_along(plane.normal);
-        let slack_m = (distance_m + radius_m) * RELATIVE_SLACK;
-        margins.tested_leaf(lane, middle_m + radius_m, middle_m - radius_m, slack_m);
-        i8::from(middle_m - radius_m > slack_m) - i8::from(middle_m + radius_m < -slack_m)
+        let [low_m, high_m, slack_m] = extent_m(bound, lattice, plane);
+        margins.tested_leaf(lane, high_m, low_m, slack_m);
+        i8::from(low_m > slack_m) - i8::from(high_m < -slack_m)
     };
     if mask & NEAR != 0 && side(lattice.near()) < 0 {
         return None;

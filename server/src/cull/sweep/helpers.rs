@@ -34,7 +34,7 @@ impl Share {
             return;
         };
         self.sets.iter_mut().for_each(VisibleSet::clear);
-        let sink = ToSets::new(&self.lattice, &mut self.sets);
+        let sink = ToSets { lattice: &self.lattice, sets: &mut self.sets };
         let (lattice, start, memory) = (&self.lattice, self.start.as_slice(), &mut self.memory);
         self.stats = lanes::run_on_best(Sweep { tree: &tree, hierarchy: &hierarchy, lattice, start, memory, sink });
     }

@@ -6,8 +6,9 @@ use mullion_common::visible_set::{LeafRange, VisibleSet};
 use super::classify::{ALL_SIDES, Boxes, LanePlanes, State};
 use super::lanes::{Kernel, Lanes};
 use super::lattice::Lattice;
+use super::narrow;
 use crate::cull::CullStats;
-use crate::tree::{LANES, WideTree};
+use crate::tree::WideTree;
 
 /// A node to visit, or leaves to emit when those before them are done.
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +24,8 @@ pub(super) struct Visit {
 }
 
 impl Visit {
-    const EMIT: u32 = u32::MAX;
+    /// In place of a node.
+    pub const EMIT: u32 = u32::MAX;
 
     /// The whole tree before the whole lattice.
     pub(super) fn all(tree: &WideTree, lattice: &Lattice) -> Self {
@@ -56,12 +58,14 @@ pub(super) struct Sweep<'a, S> {
 
 /// Where a sweep's findings go.
 pub(super) trait Sink {
+    /// Whether [`Sink::emit_to_cell`] may be called.
+    const TAKES_CELLS: bool;
     /// Whether the sink takes a node as it is, unvisited.
     fn takes(&mut self, visit: &Visit) -> bool;
-    /// Leaves that all cells may see. Calls come in ascending order of leaves.
+    /// Leaves that all cells may see. Calls for a cell come in ascending order of leaves.
     fn emit(&mut self, leaves: LeafRange, cells: [u16; 4]);
-    /// Nothing follows.
-    fn finish(&mut self);
+    /// Leaves that one cell may see, in the same order.
+    fn emit_to_cell(&mut self, leaves: LeafRange, column: u16, row: u16);
 }
 
 impl<S: Sink> Kernel for Sweep<'_, S> {
@@ -86,36 +90,20 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
             }
             let node = &tree.nodes()[visit.node as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
-            let found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut (), &mut stats);
-            let end = visit.leaves.end;
-            // Before the first lane that is to be opened, leaves are emitted at once; from there on, things wait their turn.
-            let open = found.alive & !found.settled & !node.leaf_lanes;
-            let first_open = open.trailing_zeros().min(LANES as u32);
-            let follows = u32::from(found.follows());
-            let mut now = u32::from(found.alive) & ((1 << first_open) - 1);
-            while now != 0 {
-                let lane = now.trailing_zeros() as usize;
-                let mut run = 1;
-                if found.settled & (1 << lane) != 0 {
-                    run += (follows >> (lane + 1)).trailing_ones();
-                    let first = node.leaves(lane, end);
-                    let last = node.leaves(lane + run as usize - 1, end);
-                    let cells = lattice.cells(found.settled_slot(lane, visit.slots));
-                    sink.emit(LeafRange::new(first.start, last.end), cells);
-                } else if let State::Seen(slots) =
-                    found.state::<L>(lane, visit.slots, node, hierarchy, lattice, &mut (), &mut stats)
-                {
-                    sink.emit(node.leaves(lane, end), lattice.cells(slots));
-                }
-                now &= !(((1 << run) - 1) << lane);
+            if S::TAKES_CELLS && narrow::takes(&visit, lattice) {
+                narrow::visit(lanes, &boxes, &visit, node, hierarchy, lattice, planes, stack, &mut sink, &mut stats);
+                continue;
             }
-            let mut later = u32::from(found.alive) >> first_open << first_open;
-            while later != 0 {
-                let lane = later.ilog2() as usize;
-                later ^= 1 << lane;
-                let leaves = node.leaves(lane, end);
+            let found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut (), &mut stats);
+            let first_new = stack.len();
+            let mut alive = found.alive;
+            while alive != 0 {
+                let lane = alive.trailing_zeros() as usize;
+                alive &= alive - 1;
+                let leaves = node.leaves(lane, visit.leaves.end);
                 match found.state::<L>(lane, visit.slots, node, hierarchy, lattice, &mut (), &mut stats) {
                     State::Unseen => {}
+                    State::Seen(slots) if stack.len() == first_new => sink.emit(leaves, lattice.cells(slots)),
                     State::Seen(slots) => {
                         stack.push(Visit { node: Visit::EMIT, leaves, slots: lattice.cells(slots), mask: 0 });
                     }
@@ -126,52 +114,39 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
                     }
                 }
             }
+            stack[first_new..].reverse();
         }
-        sink.finish();
         stats
     }
 }
 
-/// Puts ranges into the views' sets. Those that follow on one another in the same cells are joined first.
+/// Puts ranges into the views' sets.
 pub(super) struct ToSets<'a> {
-    lattice: &'a Lattice,
-    sets: &'a mut [VisibleSet],
-    pending: LeafRange,
-    cells: [u16; 4],
-}
-
-impl<'a> ToSets<'a> {
-    /// Adds to `sets`, by `ViewId`.
-    pub(super) fn new(lattice: &'a Lattice, sets: &'a mut [VisibleSet]) -> Self {
-        Self { lattice, sets, pending: LeafRange::new(0, 0), cells: [0; 4] }
-    }
+    pub lattice: &'a Lattice,
+    /// By `ViewId`.
+    pub sets: &'a mut [VisibleSet],
 }
 
 impl Sink for ToSets<'_> {
+    const TAKES_CELLS: bool = true;
+
     #[inline(always)]
     fn takes(&mut self, _: &Visit) -> bool {
         false
     }
 
     #[inline(always)]
-    fn emit(&mut self, leaves: LeafRange, cells: [u16; 4]) {
-        if cells == self.cells && leaves.start == self.pending.end {
-            self.pending.end = leaves.end;
-        } else {
-            self.finish();
-            self.pending = leaves;
-            self.cells = cells;
+    fn emit(&mut self, leaves: LeafRange, [left, right, bottom, top]: [u16; 4]) {
+        for row in bottom..top {
+            for view in self.lattice.row(row, left..right) {
+                self.sets[usize::from(*view)].push(leaves);
+            }
         }
     }
 
     #[inline(always)]
-    fn finish(&mut self) {
-        let [left, right, bottom, top] = self.cells;
-        for row in bottom..top {
-            for view in self.lattice.row(row, left..right) {
-                self.sets[usize::from(*view)].push(self.pending);
-            }
-        }
+    fn emit_to_cell(&mut self, leaves: LeafRange, column: u16, row: u16) {
+        self.sets[usize::from(self.lattice.view(column, row))].push(leaves);
     }
 }
 
@@ -182,6 +157,9 @@ pub(super) struct ToVisits<'a> {
 }
 
 impl Sink for ToVisits<'_> {
+    // Visits are shared out by leaves: they come in order whatever the cell.
+    const TAKES_CELLS: bool = false;
+
     #[inline(always)]
     fn takes(&mut self, visit: &Visit) -> bool {
         let takes = visit.leaves.len() <= self.grain;
@@ -197,5 +175,7 @@ impl Sink for ToVisits<'_> {
     }
 
     #[inline(always)]
-    fn finish(&mut self) {}
+    fn emit_to_cell(&mut self, leaves: LeafRange, column: u16, row: u16) {
+        self.emit(leaves, [column, column + 1, row, row + 1]);
+    }
 }

@@ -28,6 +28,8 @@ pub(super) trait Lanes: Copy {
     fn abs(self, a: Self::Wide) -> Self::Wide;
     /// As numbers.
     fn to_array(self, a: Self::Wide) -> [f32; 8];
+    /// A bit for each word in which bit `bit` is set.
+    fn with_bit(self, words: &[u32; 8], bit: u32) -> u8;
     /// Asks for the memory of something that is soon looked at.
     fn prefetch<T>(self, soon: &T);
 }
@@ -108,6 +110,11 @@ impl Lanes for Plain {
     }
 
     #[inline(always)]
+    fn with_bit(self, words: &[u32; 8], bit: u32) -> u8 {
+        (0..8).fold(0, |mask, i| mask | (((words[i] >> bit) & 1) as u8) << i)
+    }
+
+    #[inline(always)]
     fn prefetch<T>(self, _: &T) {}
 }
 
@@ -117,18 +124,23 @@ mod avx2 {
     use super::{Kernel, Lanes};
     use std::arch::x86_64::*;
 
-    /// A processor with AVX2: there is no other way to one than [`Avx2::detect`].
+    /// A processor with AVX2 and what came with it: there is no other way to one than [`Avx2::detect`].
     #[derive(Clone, Copy)]
     pub(in crate::cull::sweep) struct Avx2(());
 
     impl Avx2 {
         /// AVX2, where this machine has it.
         pub fn detect() -> Option<Self> {
-            is_x86_feature_detected!("avx2").then_some(Self(()))
+            let has_all = is_x86_feature_detected!("avx2")
+                && is_x86_feature_detected!("bmi1")
+                && is_x86_feature_detected!("bmi2")
+                && is_x86_feature_detected!("lzcnt")
+                && is_x86_feature_detected!("popcnt");
+            has_all.then_some(Self(()))
         }
     }
 
-    #[target_feature(enable = "avx2")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
     fn compiled_for_avx2<K: Kernel>(lanes: Avx2, kernel: K) -> K::Output {
         kernel.run(lanes)
     }
@@ -198,6 +210,16 @@ mod avx2 {
         }
 
         #[inline(always)]
+        fn with_bit(self, words: &[u32; 8], bit: u32) -> u8 {
+            // SAFETY: as above; the load reads the eight words, wherever they stand.
+            unsafe {
+                let words = _mm256_loadu_si256(words.as_ptr().cast());
+                let signs = _mm256_sll_epi32(words, _mm_cvtsi32_si128(31 - bit as i32));
+                _mm256_movemask_ps(_mm256_castsi256_ps(signs)) as u8
+            }
+        }
+
+        #[inline(always)]
         fn prefetch<T>(self, soon: &T) {
             const LINE: usize = 64;
             let start = std::ptr::from_ref(soon).cast::<i8>();
@@ -223,7 +245,8 @@ mod tests {
         fn run<L: Lanes>(self, l: L) -> Vec<u32> {
             let numbers = [0.0, -0.0, 1.0, 3.0e-39, f32::MAX, f32::INFINITY, f32::NAN, 0.1, -7.3, 1.0 / 3.0];
             let bytes = l.widen(&[0, 1, 2, 127, 128, 200, 254, 255]);
-            let mut bits = Vec::new();
+            let words = [0, 1 << 30, 1 << 31, u32::MAX, 7, 1 << 29, 3 << 30, 1];
+            let mut bits: Vec<u32> = [0, 2, 30, 31].map(|bit| u32::from(l.with_bit(&words, bit))).to_vec();
             for a in numbers {
                 for b in numbers {
                     let (wide_a, wide_b) = (l.mul(l.splat(a), bytes), l.splat(b));

@@ -54,6 +54,10 @@ struct Axis {
     /// Of each column, its first and last edge; ascending.
     spans: Vec<[u16; 2]>,
     slots: u16,
+    /// Whether no column lies within another.
+    is_simple: bool,
+    /// Whether each slot is a column.
+    is_plain: bool,
     /// Of each slot, the first column that covers it or lies after it.
     first: SlotTable,
     /// Of each slot, one past the last column that covers it or lies before it.
@@ -204,6 +208,30 @@ impl Lattice {
         [&self.placed.planes[0], &self.placed.planes[1]]
     }
 
+    /// Whether columns and rows follow on one another, whatever they overlap: none lies within another.
+    #[inline(always)]
+    pub(super) fn is_simple(&self) -> bool {
+        self.columns.is_simple && self.rows.is_simple
+    }
+
+    /// Whether columns and rows are the slots: nothing overlaps, and there are no gaps.
+    #[inline(always)]
+    pub(super) fn is_plain(&self) -> bool {
+        self.columns.is_plain && self.rows.is_plain
+    }
+
+    /// The first and the last edge of a column.
+    #[inline(always)]
+    pub(super) fn column_span(&self, column: u16) -> [u16; 2] {
+        self.columns.spans[usize::from(column)]
+    }
+
+    /// The first and the last edge of a row.
+    #[inline(always)]
+    pub(super) fn row_span(&self, row: u16) -> [u16; 2] {
+        self.rows.spans[usize::from(row)]
+    }
+
     /// Slots across and up.
     pub(super) fn slots(&self) -> [u16; 2] {
         [self.columns.slots, self.rows.slots]
@@ -214,6 +242,12 @@ impl Lattice {
     #[inline(always)]
     pub(super) fn cells(&self, [left, right, bottom, top]: [u16; 4]) -> [u16; 4] {
         [self.columns.first.at(left), self.columns.end.at(right - 1), self.rows.first.at(bottom), self.rows.end.at(top - 1)]
+    }
+
+    /// The view of a cell.
+    #[inline(always)]
+    pub(super) fn view(&self, column: u16, row: u16) -> u16 {
+        self.views[usize::from(row) * self.columns.spans.len() + usize::from(column)]
     }
 
     /// The views of a row, by column.
@@ -277,7 +311,9 @@ impl Axis {
         let first = |slot: u16| spans.iter().take_while(|span| span[1] <= slot).count() as u16;
         let end = |slot: u16| spans.iter().take_while(|span| span[0] <= slot).count() as u16;
         let (first, end) = (SlotTable::of(slots.clone().map(first)), SlotTable::of(slots.clone().map(end)));
-        Self { spans, slots: slots.end, first, end, tangents }
+        let is_simple = spans.is_sorted_by(|a, b| a[1] <= b[1]);
+        let is_plain = spans.iter().zip(0..).all(|(span, slot)| *span == [slot, slot + 1]);
+        Self { spans, slots: slots.end, is_simple, is_plain, first, end, tangents }
     }
 
     fn span_of(&self, edges: [f64; 2]) -> Option<usize> {

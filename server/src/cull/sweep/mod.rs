@@ -11,6 +11,7 @@ mod helpers;
 mod kernel;
 mod lanes;
 mod lattice;
+mod narrow;
 mod slack;
 
 use glam::DAffine3;
@@ -140,7 +141,7 @@ impl Sweeper {
 
 /// Sweeps what `start` lists, on this thread.
 fn sweep(tree: &CullTree, lattice: &Lattice, start: &[Visit], memory: &mut Memory, sets: &mut [VisibleSet]) -> CullStats {
-    let sink = ToSets::new(lattice, sets);
+    let sink = ToSets { lattice, sets };
     lanes::run_on_best(Sweep { tree: tree.wide(), hierarchy: tree.hierarchy(), lattice, start, memory, sink })
 }
 

@@ -1,0 +1,227 @@
+//! Visits of at most two slots across and up: almost all that a sweep makes.
+//!
+//! What a test says of eight boxes is as good as random, and a processor that guesses it wrong loses as much time as the test
+//! took. So little here branches on a single lane: which lanes a cell sees is a mask, put together from what the
+//! planes say, and what a cell sees of a node is one range or a few.
+
+use mullion_common::geometry::Obb;
+use mullion_common::scene::{NodeId, ObjectHierarchy};
+use mullion_common::visible_set::LeafRange;
+
+use super::classify::{Boxes, LEFT, LanePlane, LanePlanes, NEAR, RIGHT, extent_m};
+use super::kernel::{Sink, Visit};
+use super::lanes::Lanes;
+use super::lattice::{Lattice, RelativePlane};
+use crate::cull::CullStats;
+use crate::tree::{LANES, WideNode};
+
+/// There is one plane between slots here, or none.
+const MAX_SLOTS: u16 = 2;
+
+/// Whether a visit is narrow.
+#[inline(always)]
+pub(super) fn takes(visit: &Visit, lattice: &Lattice) -> bool {
+    let [left, right, bottom, top] = visit.slots;
+    right - left <= MAX_SLOTS && top - bottom <= MAX_SLOTS && lattice.is_simple()
+}
+
+/// What the planes of one axis say of the lanes.
+#[derive(Clone, Copy, Default)]
+struct Axis {
+    /// Wholly on the negative side of the plane between the two slots, and on its positive side.
+    negative: u8,
+    positive: u8,
+    /// In one slot.
+    single: u8,
+    /// May be cut by the first slot's outer side, and by the last one's.
+    first_cuts: u8,
+    last_cuts: u8,
+}
+
+impl Axis {
+    /// The lanes that are seen between two edges of the lattice, where the slots begin at `low`.
+    #[inline(always)]
+    fn between(&self, [first, last]: [u16; 2], low: u16) -> u8 {
+        let starts_there = if first > low { self.negative } else { 0 };
+        let ends_there = if last == low + 1 { self.positive } else { 0 };
+        !(starts_there | ends_there)
+    }
+
+    /// The lanes that are seen in a slot, where the first one is `low`.
+    #[inline(always)]
+    fn of_slot(&self, slot: u16, low: u16) -> u8 {
+        !if slot == low { self.positive } else { self.negative }
+    }
+
+    /// The slots of a lane.
+    #[inline(always)]
+    fn slots(&self, lane: u32, [low, high]: [u16; 2]) -> [u16; 2] {
+        [low + u16::from(self.positive >> lane & 1), high - u16::from(self.negative >> lane & 1)]
+    }
+}
+
+/// Emits what is seen of a node, cell by cell, and pushes what is to be visited or comes after that.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+pub(super) fn visit<L: Lanes>(
+    lanes: L,
+    boxes: &Boxes<L>,
+    visit: &Visit,
+    node: &WideNode,
+    hierarchy: &ObjectHierarchy,
+    lattice: &Lattice,
+    planes: &LanePlanes,
+    stack: &mut Vec<Visit>,
+    sink: &mut impl Sink,
+    stats: &mut CullStats,
+) {
+    let mut alive = boxes.alive;
+    let mut tests = 0;
+    let mut near_cuts = 0;
+    if visit.mask & NEAR != 0 {
+        let (negative, positive) = boxes.sides(lanes, planes.near(), &mut ());
+        alive &= !negative;
+        near_cuts = !positive;
+        tests += 1;
+    }
+    let [left, right, bottom, top] = visit.slots;
+    let mut x = axis(lanes, boxes, [left, right], visit.mask, planes.of_axis(0), &mut alive, &mut tests);
+    let mut y = axis(lanes, boxes, [bottom, top], visit.mask >> 2, planes.of_axis(1), &mut alive, &mut tests);
+    stats.nodes_visited += u64::from(boxes.alive.count_ones());
+    stats.plane_tests += tests * u64::from(boxes.alive.count_ones());
+
+    let cuts = near_cuts | x.first_cuts | x.last_cuts | y.first_cuts | y.last_cuts;
+    let settled = x.single & y.single & !cuts;
+    let open = alive & !settled & !node.leaf_lanes;
+    let exact = Exact {
+        lanes: node.leaf_lanes & !settled & lanes.with_bit(&node.child, WideNode::ORIENTED.ilog2()),
+        node,
+        hierarchy,
+        lattice,
+    };
+    if alive & exact.lanes != 0 {
+        alive &= !exact.on(alive & near_cuts, lattice.near(), stats).0;
+        for (axis, of_axis, [low, high]) in [(&mut x, 0, [left, right]), (&mut y, 1, [bottom, top])] {
+            let planes = lattice.planes()[of_axis];
+            alive &= !exact.on(alive & axis.first_cuts, &planes[usize::from(low)], stats).0;
+            alive &= !exact.on(alive & axis.last_cuts, &planes[usize::from(high)], stats).1;
+            if high - low > 1 {
+                let (negative, positive) = exact.on(alive & !axis.single, &planes[usize::from(low + 1)], stats);
+                axis.negative |= negative;
+                axis.positive |= positive;
+            }
+        }
+    }
+
+    // Leaves come before inner lanes where the tree was built for it, so that what has to wait is little.
+    let end = visit.leaves.end;
+    let first_open = open.trailing_zeros().min(LANES as u32);
+    let now = alive & (((1u32 << first_open) - 1) as u8);
+    let is_plain = lattice.is_plain();
+    let [first_column, end_column, first_row, end_row] =
+        if is_plain { [left, right, bottom, top] } else { lattice.cells(visit.slots) };
+    for row in first_row..end_row {
+        let of_row = now & if is_plain { y.of_slot(row, bottom) } else { y.between(lattice.row_span(row), bottom) };
+        for column in first_column..end_column {
+            let of_column = if is_plain { x.of_slot(column, left) } else { x.between(lattice.column_span(column), left) };
+            let mut seen = u32::from(of_row & of_column);
+            while seen != 0 {
+                let lane = seen.trailing_zeros();
+                let run = (seen >> lane).trailing_ones();
+                // Lanes that stand side by side have leaves that follow on one another.
+                let start = node.first_leaf[lane as usize % LANES];
+                let last = node.leaves((lane + run - 1) as usize % LANES, end);
+                sink.emit_to_cell(LeafRange::new(start, last.end), column, row);
+                seen &= seen + (1 << lane);
+            }
+        }
+    }
+    let mut later = alive ^ now;
+    while later != 0 {
+        let lane = later.ilog2();
+        later ^= 1 << lane;
+        let ([left, right], [bottom, top]) = (x.slots(lane, [left, right]), y.slots(lane, [bottom, top]));
+        if left >= right || bottom >= top {
+            continue;
+        }
+        let slots = [left, right, bottom, top];
+        let leaves = node.leaves(lane as usize % LANES, end);
+        if open & (1 << lane) != 0 {
+            let bit = |cuts: u8, side: u8| (cuts >> lane & 1) * side;
+            let mask = bit(near_cuts, NEAR)
+                | bit(x.first_cuts, LEFT)
+                | bit(x.last_cuts, RIGHT)
+                | bit(y.first_cuts, LEFT << 2)
+                | bit(y.last_cuts, RIGHT << 2);
+            let child = node.child[lane as usize % LANES];
+            stack.push(Visit { node: child, leaves, slots, mask });
+        } else {
+            stack.push(Visit { node: Visit::EMIT, leaves, slots: lattice.cells(slots), mask: 0 });
+        }
+    }
+}
+
+/// Asks the planes of one axis, of which `mask` has the outer ones that count.
+#[inline(always)]
+fn axis<L: Lanes>(
+    lanes: L,
+    boxes: &Boxes<L>,
+    [low, high]: [u16; 2],
+    mask: u8,
+    planes: &[LanePlane],
+    alive: &mut u8,
+    tests: &mut u64,
+) -> Axis {
+    let [low, high] = [usize::from(low), usize::from(high)];
+    let mut axis = Axis { single: !0, ..Axis::default() };
+    if high - low > 1 {
+        (axis.negative, axis.positive) = boxes.sides(lanes, &planes[low + 1], &mut ());
+        axis.single = axis.negative | axis.positive;
+        *tests += 1;
+    }
+    if mask & LEFT != 0 {
+        let (negative, positive) = boxes.sides(lanes, &planes[low], &mut ());
+        *alive &= !negative;
+        axis.first_cuts = !positive & !axis.positive;
+        *tests += 1;
+    }
+    if mask & RIGHT != 0 {
+        let (negative, positive) = boxes.sides(lanes, &planes[high], &mut ());
+        *alive &= !positive;
+        axis.last_cuts = !negative & !axis.negative;
+        *tests += 1;
+    }
+    axis
+}
+
+/// The lanes of a node whose oriented boxes are much smaller than their own, and may tell more.
+struct Exact<'a> {
+    lanes: u8,
+    node: &'a WideNode,
+    hierarchy: &'a ObjectHierarchy,
+    lattice: &'a Lattice,
+}
+
+impl Exact<'_> {
+    #[inline(always)]
+    fn bound(&self, lane: u32) -> &Obb {
+        let child = self.node.child[lane as usize % LANES];
+        &self.hierarchy.node(NodeId(child & WideNode::NODE)).bound
+    }
+
+    /// Of some lanes, those whose oriented boxes lie wholly on the negative side of a plane, and on its positive side.
+    #[inline(always)]
+    fn on(&self, of: u8, plane: &RelativePlane, stats: &mut CullStats) -> (u8, u8) {
+        let mut left = of & self.lanes;
+        let (mut negative, mut positive) = (0, 0);
+        while left != 0 {
+            let lane = left.trailing_zeros();
+            left &= left - 1;
+            stats.plane_tests += 1;
+            let [low_m, high_m, slack_m] = extent_m(self.bound(lane), self.lattice, plane);
+            negative |= u8::from(high_m < -slack_m) << lane;
+            positive |= u8::from(low_m > slack_m) << lane;
+        }
+        (negative, positive)
+    }
+}
