@@ -20,7 +20,7 @@ fn tree(branching: usize) -> CullTree {
     fn add(nodes: &mut Vec<OhNode>, leaves: &mut u32, boxes: &mut [Obb], branching: usize) {
         let at = nodes.len();
         let bound = Obb::around(boxes.iter().flat_map(Obb::corners)).expect("boxes");
-        nodes.push(OhNode { bound, subtree_end: 0, leaves: LeafRange::new(*leaves, 0), object: None });
+        nodes.push(OhNode { bound, subtree_end: 0, leaves: LeafRange::new(*leaves, 0) });
         if boxes.len() == 1 {
             *leaves += 1;
         } else {

@@ -44,6 +44,7 @@ impl Plane {
     /// The slack grows with the box's distance from the plane's own origin of rounding, `reference`, usually
     /// the eye: coordinates relative to it are what the GPU sees. What absolute coordinates round in `f64` is added: close to an
     /// eye that is far from the origin it is more.
+    #[inline]
     pub fn classify(&self, obb: &Obb, reference: DVec3) -> Containment {
         let distance_m = self.normal.dot(obb.center) + self.offset_m;
         let radius_m = obb.radius_along(self.normal);

@@ -5,7 +5,7 @@ use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::CullStats;
-use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guard};
+use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode};
 use super::oh::{self, Open};
 
 /// Culls the object hierarchy to the frustum hierarchy.
@@ -94,53 +94,49 @@ pub(super) fn cull_both(
 ) {
     stack.clear();
     stack.push(Pair { oh: node, fh: 0, depth: 0, parted: 0 });
-    while let Some(pair) = stack.pop() {
-        match *frusta.node(pair.fh) {
-            FrustumNode::Cells { start, end } => {
-                for (cell, guards) in frusta.cells_of(start, end) {
-                    let mask = untested_planes(guards, primary_cut, pair.parted);
-                    let frustum = &frusta.cells()[usize::from(cell)];
-                    let views = frusta.views_through(cell);
-                    oh::descend(hierarchy, pair.oh, frustum, mask, descent, stats, &mut |leaves| emit(sets, views, leaves));
+    while let Some(mut pair) = stack.pop() {
+        let current = &hierarchy.nodes()[pair.oh as usize];
+        // Where no plane cuts the node, the frustum hierarchy alone goes on.
+        while let FrustumNode::Split { cell, side, negative, positive } = *frusta.node(pair.fh) {
+            let frustum = &frusta.cells()[usize::from(cell)];
+            stats.nodes_visited += 1;
+            stats.plane_tests += 1;
+            let containment = frustum.plane(side).classify(&current.bound, frustum.eye);
+            if containment == Containment::Cut {
+                if current.subtree_end > pair.oh + 1 {
+                    break;
                 }
+                stack.push(Pair { fh: negative, depth: pair.depth + 1, ..pair });
+                pair.fh = positive;
+            } else {
+                pair.fh = if containment == Containment::Inside { positive } else { negative };
+                pair.parted |= 1 << pair.depth;
             }
-            FrustumNode::Split { cell, side, negative, positive } => {
-                let current = &hierarchy.nodes()[pair.oh as usize];
-                let frustum = &frusta.cells()[usize::from(cell)];
-                stats.nodes_visited += 1;
-                stats.plane_tests += 1;
-                let depth = pair.depth + 1;
-                let parted = pair.parted | (1 << pair.depth);
-                match frustum.plane(side).classify(&current.bound, frustum.eye) {
-                    Containment::Inside => stack.push(Pair { fh: positive, depth, parted, ..pair }),
-                    Containment::Outside => stack.push(Pair { fh: negative, depth, parted, ..pair }),
-                    Containment::Cut if current.subtree_end == pair.oh + 1 => {
-                        stack.extend([Pair { fh: positive, depth, ..pair }, Pair { fh: negative, depth, ..pair }]);
-                    }
-                    Containment::Cut => {
-                        // Children are visited in order: they are pushed in order, then turned round.
-                        let first = stack.len();
-                        let mut child = pair.oh + 1;
-                        while child < current.subtree_end {
-                            stack.push(Pair { oh: child, ..pair });
-                            child = hierarchy.nodes()[child as usize].subtree_end;
-                        }
-                        stack[first..].reverse();
-                    }
-                }
-            }
+            pair.depth += 1;
         }
+        if let FrustumNode::Cells { start, end } = *frusta.node(pair.fh) {
+            for (cell, guards) in frusta.cells_of(start, end) {
+                let views = frusta.views_through(cell);
+                match guards.untested(primary_cut, pair.parted) {
+                    0 => emit(sets, views, current.leaves),
+                    mask => {
+                        let frustum = &frusta.cells()[usize::from(cell)];
+                        let emit = &mut |leaves| emit(sets, views, leaves);
+                        oh::descend(hierarchy, pair.oh, frustum, mask, descent, stats, emit);
+                    }
+                }
+            }
+            continue;
+        }
+        // Children are visited in order: they are pushed in order, then turned round.
+        let first = stack.len();
+        let mut child = pair.oh + 1;
+        while child < current.subtree_end {
+            stack.push(Pair { oh: child, ..pair });
+            child = hierarchy.nodes()[child as usize].subtree_end;
+        }
+        stack[first..].reverse();
     }
-}
-
-/// The planes of a cell that no test on the way has settled, a bit each.
-pub(super) fn untested_planes(guards: &[Guard; 5], primary_cut: u8, parted: u32) -> u8 {
-    let is_untested = |guard: &Guard| match guard {
-        Guard::None => true,
-        Guard::Primary(k) => primary_cut & (1 << k) != 0,
-        Guard::Split(depth) => parted & (1 << depth) == 0,
-    };
-    (0..5).filter(|k| is_untested(&guards[*k])).fold(0, |mask, k| mask | (1 << k))
 }
 
 /// Adds leaves to the sets of all `views`.

@@ -7,7 +7,7 @@ use mullion_common::visible_set::VisibleSet;
 use glam::DVec3;
 
 use super::CullStats;
-use super::adaptive::{emit, for_each_in_primary, untested_planes};
+use super::adaptive::{emit, for_each_in_primary};
 use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode};
 use super::oh::{self, Open};
 
@@ -115,7 +115,7 @@ impl Traversal<'_> {
         let Self { hierarchy, frusta, primary_cut, memory, sets, stats } = self;
         let Memory { groups, members, descent, .. } = memory;
         for (cell, guards) in frusta.cells_of(start, end) {
-            let mask = untested_planes(guards, *primary_cut, meeting.parted);
+            let mask = guards.untested(*primary_cut, meeting.parted);
             let frustum = &frusta.cells()[usize::from(cell)];
             let views = frusta.views_through(cell);
             let mut descend = |node, mask, stats: &mut CullStats| {

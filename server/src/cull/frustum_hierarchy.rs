@@ -40,7 +40,7 @@ pub struct FrustumHierarchy {
     below: Vec<(u32, u32)>,
     members: Vec<u16>,
     /// For each entry of `members` that stands below a `Cells` node, what has tested its cell's planes before.
-    guards: Vec<[Guard; 5]>,
+    guards: Vec<Guards>,
     /// Sides of cells' frusta that have all cells inside.
     primary_sides: Vec<(u16, FrustumSide)>,
     /// The same in the world, with the eye of each.
@@ -59,6 +59,45 @@ pub enum Guard {
     Primary(u8),
     /// The bisection plane of the ancestor at this depth, the root's being 0.
     Split(u8),
+}
+
+/// What has tested the planes of a cell before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Guards {
+    /// By [`FrustumSide`].
+    of_side: [Guard; 5],
+    /// Whether each plane has a guard.
+    are_all_guarded: bool,
+    /// Bits of the splits and of the primary planes among them.
+    splits: u32,
+    primaries: u8,
+}
+
+impl Guards {
+    fn of(of_side: [Guard; 5]) -> Self {
+        let bit = |guard: &Guard| if let Guard::Split(depth) = guard { 1u32 << depth } else { 0 };
+        let primary_bit = |guard: &Guard| if let Guard::Primary(k) = guard { 1u8 << k } else { 0 };
+        Self {
+            of_side,
+            are_all_guarded: !of_side.contains(&Guard::None),
+            splits: of_side.iter().map(bit).fold(0, |all, bit| all | bit),
+            primaries: of_side.iter().map(primary_bit).fold(0, |all, bit| all | bit),
+        }
+    }
+
+    /// The planes that no test on the way has settled, a bit each. `primary_cut`: the primary planes that cut the node;
+    /// `parted`, bit d: the node is wholly on this side of the ancestor's plane at depth d.
+    pub fn untested(&self, primary_cut: u8, parted: u32) -> u8 {
+        if self.are_all_guarded && self.splits & !parted == 0 && self.primaries & primary_cut == 0 {
+            return 0;
+        }
+        let is_untested = |guard: &Guard| match guard {
+            Guard::None => true,
+            Guard::Primary(k) => primary_cut & (1 << k) != 0,
+            Guard::Split(depth) => parted & (1 << depth) == 0,
+        };
+        (0..5).filter(|k| is_untested(&self.of_side[*k])).fold(0, |mask, k| mask | (1 << k))
+    }
 }
 
 /// How much of a view may lie on the wrong side of a plane and still count as rounding.
@@ -161,7 +200,7 @@ impl FrustumHierarchy {
     }
 
     /// The cells of a [`FrustumNode::Cells`], and for each of its planes (by [`FrustumSide`]) what tested it before.
-    pub fn cells_of(&self, start: u32, end: u32) -> impl Iterator<Item = (u16, &[Guard; 5])> {
+    pub fn cells_of(&self, start: u32, end: u32) -> impl Iterator<Item = (u16, &Guards)> {
         let range = start as usize..end as usize;
         self.members[range.clone()].iter().copied().zip(&self.guards[range])
     }
@@ -174,7 +213,7 @@ impl FrustumHierarchy {
         let all: Vec<u16> = (0..self.room_cells().len() as u16).collect();
         self.primary_sides = primary_sides(self.room_cells());
         self.build_node(&all, 0);
-        self.guards = vec![[Guard::None; 5]; self.members.len()];
+        self.guards = vec![Guards::of([Guard::None; 5]); self.members.len()];
         self.find_all_guards();
     }
 
@@ -232,10 +271,10 @@ impl FrustumHierarchy {
         }
     }
 
-    fn guards_of(&self, cell: u16, above: &[Plane]) -> [Guard; 5] {
+    fn guards_of(&self, cell: u16, above: &[Plane]) -> Guards {
         let room = self.room_cells();
         let frustum = &room[usize::from(cell)];
-        ALL_SIDES.map(|side| {
+        Guards::of(ALL_SIDES.map(|side| {
             let plane = frustum.plane(side);
             let primary = |(c, s): &(u16, FrustumSide)| same_plane(room[usize::from(*c)].plane(*s), plane);
             if let Some(k) = self.primary_sides.iter().position(primary) {
@@ -243,7 +282,7 @@ impl FrustumHierarchy {
             }
             let split = above.iter().position(|p| same_plane(p, plane));
             split.map_or(Guard::None, |depth| Guard::Split(depth as u8))
-        })
+        }))
     }
 
     /// Whether every cell still lies where the tree has it, and the primary planes still hold all cells.

@@ -1,4 +1,4 @@
-//! Every contestant culls the same frames, in turn frame by frame.
+//! Every contestant culls the same frames, a few of them in turn.
 
 use std::fmt;
 use std::sync::Arc;
@@ -107,8 +107,12 @@ struct Runner {
     true_pairs: u64,
 }
 
-/// Measures all contestants on a case. In each frame another one begins, so that drift of the machine and what one leaves in
-/// the caches meet all alike. Between two readings of the clock there is one cull and nothing else.
+/// Frames that a contestant culls before the next one has its turn: so few that drift of the machine meets all alike, and so
+/// many that most of them find in the caches what the contestant, not its rivals, left there.
+const BLOCK_FRAMES: u64 = 8;
+
+/// Measures all contestants on a case. They cull the same frames, block by block in turn, and in each block another one
+/// begins. Between two readings of the clock there is one cull and nothing else.
 ///
 /// # Errors
 /// When the system gives no threads, or a set lacks what is in view.
@@ -120,28 +124,34 @@ pub fn measure(case: &Case<'_>, contestants: &[Contestant]) -> Result<Vec<Row>> 
     let file_tree = CullTree::new(Arc::new(file.hierarchy.clone()));
     let mut checker = Checker::new(case);
     let mut runners: Vec<Runner> = contestants.iter().map(|contestant| Runner::new(*contestant, case)).collect::<Result<_>>()?;
-    let mut cull_all = |frame: u64, is_measured: bool| -> Result<()> {
+    let cull = |runner: &mut Runner, frame: u64| {
         let pose = case.path.pose(frame);
+        let tree = if runner.is_on_file_tree { &file_tree } else { &tree };
+        let start = Instant::now();
+        let stats = runner.culler.cull(tree, case.wall, &eyes, &pose, &mut runner.sets);
+        (start.elapsed().as_secs_f64() * 1e6, stats)
+    };
+    for runner in &mut runners {
+        // Backwards towards the first frame, so that the camera does not jump where measuring starts.
+        for frame in (1..=WARM_UP_FRAMES).rev() {
+            cull(runner, frame);
+        }
+    }
+    let blocks = case.frames.div_ceil(BLOCK_FRAMES);
+    for block in 0..blocks {
+        let frames = block * BLOCK_FRAMES..((block + 1) * BLOCK_FRAMES).min(case.frames);
         for turn in 0..runners.len() {
-            let at = (turn + (frame % contestants.len() as u64) as usize) % contestants.len();
-            let Runner { culler, sets, is_on_file_tree, .. } = &mut runners[at];
-            let tree = if *is_on_file_tree { &file_tree } else { &tree };
-            let start = Instant::now();
-            let stats = culler.cull(tree, case.wall, &eyes, &pose, sets);
-            let took = start.elapsed();
-            if is_measured {
-                runners[at].note(took.as_secs_f64() * 1e6, stats);
+            let at = (turn + block as usize) % runners.len();
+            for frame in frames.clone() {
+                let (cull_us, stats) = cull(&mut runners[at], frame);
+                runners[at].note(cull_us, stats);
             }
         }
-        let stride = case.frames.div_ceil(CHECKED_FRAMES);
-        if is_measured && frame.is_multiple_of(stride) {
-            checker.check(&mut runners, &file, &eyes, &pose).with_context(|| format!("frame {frame}"))?;
+        if block.is_multiple_of(blocks.div_ceil(CHECKED_FRAMES)) {
+            let frame = frames.end - 1;
+            checker.check(&mut runners, &file, &eyes, &case.path.pose(frame)).with_context(|| format!("frame {frame}"))?;
         }
-        Ok(())
-    };
-    // Backwards towards the first frame, so that the camera does not jump where measuring starts.
-    (1..=WARM_UP_FRAMES).rev().try_for_each(|frame| cull_all(frame, false))?;
-    (0..case.frames).try_for_each(|frame| cull_all(frame, true))?;
+    }
     Ok(runners.into_iter().map(Runner::finish).collect())
 }
 
