@@ -1,6 +1,5 @@
 //! Goal: the generated palace has the node tree and the triangles of the paper's Fatehpur Sikri. Method: count on the
 //! file that a user gets, and on the object hierarchy that preparation makes of it.
-use glam::DVec3;
 use mullion_server::generate::{GeneratedScene, glb, write_glb};
 use mullion_server::prepare::gltf::{SourceScene, load};
 use mullion_server::prepare::{PrepareOptions, prepare, statistics};

@@ -32,18 +32,13 @@ fn tree() -> CullTree {
         })
         .collect();
     let around = |boxes: &[Obb]| Obb::around(boxes.iter().flat_map(Obb::corners)).expect("boxes");
-    let mut nodes = vec![OhNode { bound: around(&boxes), subtree_end: 0, leaves: LeafRange::new(0, 960), object: None }];
+    let mut nodes = vec![OhNode { bound: around(&boxes), subtree_end: 0, leaves: LeafRange::new(0, 960) }];
     for (group, members) in (0..).zip(boxes.chunks(8)) {
         let (at, first) = (nodes.len() as u32, group * 8);
-        nodes.push(OhNode {
-            bound: around(members),
-            subtree_end: at + 9,
-            leaves: LeafRange::new(first, first + 8),
-            object: None,
-        });
+        nodes.push(OhNode { bound: around(members), subtree_end: at + 9, leaves: LeafRange::new(first, first + 8) });
         for (bound, leaf) in members.iter().zip(first..) {
             let subtree_end = nodes.len() as u32 + 1;
-            nodes.push(OhNode { bound: *bound, subtree_end, leaves: LeafRange::new(leaf, leaf + 1), object: None });
+            nodes.push(OhNode { bound: *bound, subtree_end, leaves: LeafRange::new(leaf, leaf + 1) });
         }
     }
     nodes[0].subtree_end = nodes.len() as u32;

@@ -212,7 +212,10 @@ impl Culler {
             Algorithm::Sweep => unreachable!("above"),
             Algorithm::Naive => naive::cull(hierarchy, self.frusta.views(), sets),
             Algorithm::OhPlain => oh_plain::cull(hierarchy, self.frusta.views(), sets),
-            Algorithm::Fh => fh::cull(hierarchy, &self.frusta, (&mut self.stack, &mut self.descent), sets),
+            Algorithm::Fh => {
+                let memory = (&mut self.open, &mut self.stack, &mut self.descent);
+                fh::cull(hierarchy, &self.frusta, memory, sets)
+            }
             Algorithm::Oh => oh::cull(hierarchy, self.frusta.views(), &mut self.descent, sets),
             Algorithm::Adaptive => {
                 let memory = (&mut self.open, &mut self.stack, &mut self.descent);

@@ -51,7 +51,7 @@ pub enum ShadowError {
 /// let corners = [DVec3::new(-2.0, -1.0, -3.0), DVec3::new(2.0, -1.0, -3.0), DVec3::new(-2.0, 1.0, -3.0)];
 /// let mut shadows = Shadows::new(DVec3::ZERO, &[Occluder { corners }])?;
 /// let bound = Obb::of_point(DVec3::new(0.5, 0.2, -9.0));
-/// let scene = ObjectHierarchy::new(vec![OhNode { bound, subtree_end: 1, leaves: LeafRange::new(0, 1), object: None }])?;
+/// let scene = ObjectHierarchy::new(vec![OhNode { bound, subtree_end: 1, leaves: LeafRange::new(0, 1) }])?;
 ///
 /// let mut hidden = VisibleSet::default();
 /// shadows.hide(&scene, &mut hidden);
