@@ -67,8 +67,9 @@ impl DynamicScene {
             return;
         }
         let move_from_rest = *world_from_local * scene.manifest.transforms[at].affine().inverse();
+        let is_similarity = is_similarity(&move_from_rest);
         for leaf in own {
-            let bound = if is_similarity(&move_from_rest) {
+            let bound = if is_similarity {
                 scene.hierarchy.node(self.nodes[*leaf as usize]).bound.transformed(&move_from_rest)
             } else {
                 bound_of_box(scene, *leaf, world_from_local)

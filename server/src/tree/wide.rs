@@ -61,7 +61,7 @@ impl WideTree {
                 node.first_leaf[lane] = hierarchy.node(NodeId(member.first)).leaves.start;
                 if member.end == member.first + 1 {
                     node.leaf_lanes |= 1 << lane;
-                    node.child[lane] = leaf_child(member.first, &hierarchy.node(NodeId(member.first)).bound);
+                    node.child[lane] = WideNode::LEAF | member.first;
                 } else {
                     open.push((*member, Some((id, lane))));
                 }
@@ -109,9 +109,9 @@ impl WideTree {
             }
             let at = child[lane] & WideNode::NODE;
             let bound = &hierarchy.node(NodeId(at)).bound;
-            child[lane] = leaf_child(at, bound);
-            let Aabb { min, max } = bound.aabb();
-            boxes[lane] = Aabb { min: min - self.origin, max: max - self.origin };
+            let around = bound.aabb();
+            child[lane] = WideNode::LEAF | at | if is_worth_its_own_test(bound, &around) { WideNode::ORIENTED } else { 0 };
+            boxes[lane] = Aabb { min: around.min - self.origin, max: around.max - self.origin };
         }
         let node = &mut self.nodes[id as usize];
         let before = node.bound();
@@ -165,12 +165,12 @@ fn half_area(b: &Aabb) -> f64 {
     if b.is_empty() { 0.0 } else { b.half_area() }
 }
 
-/// How a lane names a leaf: marked where its oriented box has so much less surface than the axis-aligned box around it
-/// that another test pays.
-fn leaf_child(node: u32, bound: &Obb) -> u32 {
+/// Whether an oriented box has so much less surface than the axis-aligned box around it that another test pays.
+fn is_worth_its_own_test(bound: &Obb, around: &Aabb) -> bool {
     const WORTH: f64 = 0.9;
-    let is_oriented = bound.size_measure() < WORTH * bound.aabb().half_area() / 4.0;
-    WideNode::LEAF | node | if is_oriented { WideNode::ORIENTED } else { 0 }
+    // Edges at right angles are taken for granted: it is a guess, and made for every leaf that moves.
+    let [x, y, z] = bound.half_axes.map(DVec3::length);
+    (x * y + y * z + z * x) * 4.0 < WORTH * around.half_area()
 }
 
 /// Half the surface of the axis-aligned box of every node of a run, from its leaves' boxes up.

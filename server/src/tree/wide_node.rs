@@ -76,12 +76,11 @@ impl WideNode {
             self.exponent[axis] = exponent as i8;
             for (lane, b) in boxes.iter().enumerate() {
                 let (low, high) = ((b.min[axis] - from) * per_step, (b.max[axis] - from) * per_step);
-                // Neither is negative where the box is not empty: a cast rounds down.
-                let floor = high as u8;
-                (self.min[axis][lane], self.max[axis][lane]) = (low as u8, floor + u8::from(f64::from(floor) < high));
-                if b.min[axis] > b.max[axis] {
-                    (self.min[axis][lane], self.max[axis][lane]) = (1, 0);
-                }
+                // Neither is negative, nor above 255, where the box is not empty: a cast rounds down.
+                let (low, floor) = (low as i32, high as i32);
+                let ceil = floor + i32::from(f64::from(floor) < high);
+                let is_empty = b.min[axis] > b.max[axis];
+                (self.min[axis][lane], self.max[axis][lane]) = if is_empty { (1, 0) } else { (clamped(low), clamped(ceil)) };
             }
         }
     }
@@ -98,25 +97,19 @@ impl WideNode {
         self.first_leaf.iter().take_while(|first| **first != u32::MAX).count()
     }
 
-    /// The box around all lanes relative to the tree's origin, metres; empty where they all are.
+    /// A box around all lanes relative to the tree's origin, metres; empty where they all are. It begins at the node's origin,
+    /// which is the least coordinate but for what an `f32` rounds.
     pub fn bound(&self) -> Aabb {
-        let (mut min, mut max) = (DVec3::ZERO, DVec3::ZERO);
-        for axis in 0..3 {
-            let (mut low, mut high) = (u8::MAX, 0);
-            for (lane_low, lane_high) in self.min[axis].iter().zip(&self.max[axis]) {
-                // An empty lane is one step from 1 to 0.
-                let is_empty = lane_low > lane_high;
-                low = low.min(if is_empty { u8::MAX } else { *lane_low });
-                high = high.max(*lane_high);
-            }
-            if low > high {
-                return Aabb::EMPTY;
-            }
-            let (from, step) = (f64::from(self.origin[axis]), power_of_two_f64(self.exponent[axis].into()));
-            min[axis] = from + f64::from(low) * step;
-            max[axis] = from + f64::from(high) * step;
+        let is_empty = u64::from_le_bytes(self.min[0]) == EMPTY_MIN && u64::from_le_bytes(self.max[0]) == 0;
+        if is_empty {
+            return Aabb::EMPTY;
         }
-        Aabb { min, max }
+        let min = DVec3::from(self.origin.map(f64::from));
+        let size = |axis: usize| {
+            let greatest = self.max[axis].iter().fold(0, |greatest, steps| greatest.max(*steps));
+            f64::from(greatest) * power_of_two_f64(self.exponent[axis].into())
+        };
+        Aabb { min, max: min + DVec3::new(size(0), size(1), size(2)) }
     }
 
     /// Length of a step along each axis, metres.
@@ -124,6 +117,14 @@ impl WideNode {
     pub fn step_m(&self) -> [f32; 3] {
         self.exponent.map(|exponent| f32::from_bits(((i32::from(exponent) + 127) as u32) << 23))
     }
+}
+
+/// The least coordinates of eight empty lanes.
+const EMPTY_MIN: u64 = 0x0101_0101_0101_0101;
+
+/// As a byte: steps past the last one are where lanes are infinite.
+fn clamped(steps: i32) -> u8 {
+    steps.clamp(0, 255) as u8
 }
 
 /// Two to the power of `exponent`, in the range of normal numbers.

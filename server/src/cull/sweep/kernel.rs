@@ -91,7 +91,7 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
             let node = &tree.nodes()[visit.node as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
             if S::TAKES_CELLS && narrow::takes(&visit, lattice) {
-                narrow::visit(lanes, &boxes, &visit, node, hierarchy, lattice, planes, stack, &mut sink, &mut stats);
+                narrow::visit(lanes, &boxes, &visit, tree, hierarchy, lattice, planes, stack, &mut sink, &mut stats);
                 continue;
             }
             let found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut (), &mut stats);

@@ -13,7 +13,7 @@ use super::kernel::{Sink, Visit};
 use super::lanes::Lanes;
 use super::lattice::{Lattice, RelativePlane};
 use crate::cull::CullStats;
-use crate::tree::{LANES, WideNode};
+use crate::tree::{LANES, WideNode, WideTree};
 
 /// There is one plane between slots here, or none.
 const MAX_SLOTS: u16 = 2;
@@ -67,7 +67,7 @@ pub(super) fn visit<L: Lanes>(
     lanes: L,
     boxes: &Boxes<L>,
     visit: &Visit,
-    node: &WideNode,
+    tree: &WideTree,
     hierarchy: &ObjectHierarchy,
     lattice: &Lattice,
     planes: &LanePlanes,
@@ -75,6 +75,7 @@ pub(super) fn visit<L: Lanes>(
     sink: &mut impl Sink,
     stats: &mut CullStats,
 ) {
+    let node = &tree.nodes()[visit.node as usize];
     let mut alive = boxes.alive;
     let mut tests = 0;
     let mut near_cuts = 0;
@@ -154,6 +155,7 @@ pub(super) fn visit<L: Lanes>(
                 | bit(y.first_cuts, LEFT << 2)
                 | bit(y.last_cuts, RIGHT << 2);
             let child = node.child[lane as usize % LANES];
+            lanes.prefetch(&tree.nodes()[child as usize]);
             stack.push(Visit { node: child, leaves, slots, mask });
         } else {
             stack.push(Visit { node: Visit::EMIT, leaves, slots: lattice.cells(slots), mask: 0 });
