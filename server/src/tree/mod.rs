@@ -24,7 +24,7 @@ pub use file::FileTree;
 use paths::Paths;
 use rebuild::Rebuild;
 pub use wide::WideTree;
-pub use wide_node::{LANES, WideNode};
+pub use wide_node::{LANES, LeafAxes, WideNode};
 
 /// The object hierarchy in every form that an algorithm walks.
 ///
@@ -165,9 +165,9 @@ impl CullTree {
         self.stamp
     }
 
-    /// Both forms, for a thread of its own, which must let go of them before the next edit, lest that copies them.
-    pub(crate) fn shared(&self) -> (Arc<ObjectHierarchy>, Arc<WideTree>) {
-        (Arc::clone(&self.hierarchy), Arc::clone(&self.wide))
+    /// The wide nodes for a thread of its own, which must let go of them before the next refit, lest that copies them.
+    pub(crate) fn shared(&self) -> Arc<WideTree> {
+        Arc::clone(&self.wide)
     }
 
     fn edits(&mut self) -> &mut Edits {

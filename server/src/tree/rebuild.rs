@@ -87,7 +87,7 @@ impl Rebuild {
                 return None;
             }
         }
-        if self.work.is_none() && (!self.leaves.is_empty() || self.leaf_count == 0 || self.copied == self.leaf_count) {
+        if self.work.is_none() {
             let (leaves, bounds, old_count) =
                 (std::mem::take(&mut self.leaves), std::mem::take(&mut self.bounds), self.leaf_count);
             let build = move || Built::new(&leaves, &bounds, old_count, kind);
@@ -95,6 +95,9 @@ impl Rebuild {
                 Ok(work) => self.work = Some(work),
                 // No thread to be had: the tree stays as it is until one is.
                 Err(_) => self.copied = 0,
+            }
+            if step == RebuildStep::Some {
+                return None;
             }
         }
         let is_due = self.work.as_ref().is_some_and(|work| step == RebuildStep::Finish || work.is_finished());

@@ -8,12 +8,14 @@ use glam::DVec3;
 use mullion_common::geometry::{Aabb, Obb};
 use mullion_common::scene::{NodeId, ObjectHierarchy};
 
-use super::wide_node::{LANES, WideNode};
+use super::wide_node::{LANES, LeafAxes, WideNode};
 
 /// A hierarchy as wide nodes.
 #[derive(Clone, Debug, Default)]
 pub struct WideTree {
     nodes: Vec<WideNode>,
+    /// Of each node, its leaves' oriented boxes.
+    axes: Vec<LeafAxes>,
     /// Node 0, and the nodes that came above it when trees were appended, each the first child of the next. All other
     /// nodes come after their parents.
     roots: Vec<u32>,
@@ -37,7 +39,14 @@ impl WideTree {
             return Self::default();
         };
         let origin = hierarchy.node(root).bound.center;
-        let mut tree = Self { nodes: Vec::new(), roots: vec![0], origin, leaf_count: hierarchy.leaf_count(), cost_m2: 0.0 };
+        let mut tree = Self {
+            nodes: Vec::new(),
+            axes: Vec::new(),
+            roots: vec![0],
+            origin,
+            leaf_count: hierarchy.leaf_count(),
+            cost_m2: 0.0,
+        };
         tree.build(hierarchy, Run { first: root.0, end: hierarchy.nodes().len() as u32 });
         tree
     }
@@ -69,6 +78,7 @@ impl WideTree {
             open[first_open..].reverse();
             self.nodes.push(node);
         }
+        self.axes.resize(self.nodes.len(), LeafAxes::default());
         for id in (first..self.nodes.len()).rev() {
             self.refit(id as u32, hierarchy);
         }
@@ -94,6 +104,7 @@ impl WideTree {
         (above.first_leaf[1], above.child[1]) = (first_leaf, first);
         self.roots.push(self.nodes.len() as u32);
         self.nodes.push(above);
+        self.axes.push(LeafAxes::default());
         first
     }
 
@@ -117,6 +128,10 @@ impl WideTree {
         let before = node.bound();
         node.child = child;
         node.set_boxes(&boxes);
+        for lane in (0..LANES).filter(|lane| node.child[*lane] & WideNode::ORIENTED != 0) {
+            let bound = &hierarchy.node(NodeId(node.child[lane] & WideNode::NODE)).bound;
+            self.axes[id as usize].set(lane, &bound.half_axes, node);
+        }
         self.cost_m2 += half_area(&node.bound()) - half_area(&before);
     }
 
@@ -130,6 +145,11 @@ impl WideTree {
     /// All nodes.
     pub fn nodes(&self) -> &[WideNode] {
         &self.nodes
+    }
+
+    /// Of each node, the oriented boxes of the lanes that are marked with [`WideNode::ORIENTED`].
+    pub fn axes(&self) -> &[LeafAxes] {
+        &self.axes
     }
 
     /// Where a walk starts.

@@ -1,13 +1,12 @@
 //! A node's eight boxes against the planes of a lattice.
 
 use glam::DVec3;
-use mullion_common::geometry::{Obb, RELATIVE_SLACK};
-use mullion_common::scene::{NodeId, ObjectHierarchy};
+use mullion_common::geometry::RELATIVE_SLACK;
 
 use super::lanes::Lanes;
 use super::lattice::{Lattice, RelativePlane};
 use crate::cull::CullStats;
-use crate::tree::{LANES, WideNode};
+use crate::tree::{LANES, LeafAxes, WideNode};
 
 /// Bits of a mask: outer sides of a rectangle of slots, and the near plane, that still may cut a box. Bottom and top stand
 /// two bits above left and right.
@@ -78,8 +77,8 @@ pub(super) trait Margins<L: Lanes> {
     fn tested(&mut self, lanes: L, high: L::Wide, low: L::Wide, slack_m: f32);
     /// The last plane tested leaves these lanes unseen, whatever the others say.
     fn decided(&mut self, lanes: L, unseen: u8);
-    /// A plane was tested against one lane's oriented box.
-    fn tested_leaf(&mut self, lane: usize, high_m: f64, low_m: f64, slack_m: f64);
+    /// A plane was tested against one leaf's oriented box.
+    fn tested_leaf(&mut self, high_m: f32, low_m: f32, slack_m: f32);
 }
 
 /// Nobody asks.
@@ -89,7 +88,7 @@ impl<L: Lanes> Margins<L> for () {
     #[inline(always)]
     fn decided(&mut self, _: L, _: u8) {}
     #[inline(always)]
-    fn tested_leaf(&mut self, _: usize, _: f64, _: f64, _: f64) {}
+    fn tested_leaf(&mut self, _: f32, _: f32, _: f32) {}
 }
 
 /// The boxes of a node, relative to the eye, metres.
@@ -97,6 +96,8 @@ pub(super) struct Boxes<L: Lanes> {
     middle: [L::Wide; 3],
     /// Half of each edge.
     half: [L::Wide; 3],
+    /// Length of a step of the node along each axis.
+    step_m: [f32; 3],
     /// Distance from the eye within which all of them lie.
     pub reach_m: f32,
     slack_m: f32,
@@ -113,14 +114,15 @@ impl<L: Lanes> Boxes<L> {
             (offset.y + f64::from(node.origin[1])) as f32,
             (offset.z + f64::from(node.origin[2])) as f32,
         ];
-        let half_step = node.step_m().map(|step| step * 0.5);
+        let step_m = node.step_m();
+        let half_step = step_m.map(|step| step * 0.5);
         let reach = |axis: usize| offset[axis].abs() + 510.0 * half_step[axis];
         let reach_m = reach(0) + reach(1) + reach(2) + planes.near.offset_m.abs();
         let x = Self::span(lanes, &node.min[0], &node.max[0], half_step[0], offset[0]);
         let y = Self::span(lanes, &node.min[1], &node.max[1], half_step[1], offset[1]);
         let z = Self::span(lanes, &node.min[2], &node.max[2], half_step[2], offset[2]);
         let is_empty = lanes.below(x.1, lanes.splat(0.0));
-        Self { middle: [x.0, y.0, z.0], half: [x.1, y.1, z.1], reach_m, slack_m: reach_m * SLACK, alive: !is_empty }
+        Self { middle: [x.0, y.0, z.0], half: [x.1, y.1, z.1], step_m, reach_m, slack_m: reach_m * SLACK, alive: !is_empty }
     }
 
     /// Middle and half length along one axis.
@@ -149,6 +151,38 @@ impl<L: Lanes> Boxes<L> {
         let negative = lanes.below(high, lanes.splat(-self.slack_m));
         let positive = lanes.below(lanes.splat(self.slack_m), low);
         (negative, positive)
+    }
+
+    /// Greatest and least signed distances of the oriented boxes in the lanes from a plane: no less than they are, and no more.
+    #[inline(always)]
+    fn oriented_extent(&self, lanes: L, plane: &LanePlane, axes: &LeafAxes) -> (L::Wide, L::Wide) {
+        // Half a step for each of three half-axes and for the middle, and what the sums here round.
+        const OFF_STEPS: f32 = 2.1;
+        let middle = lanes.add(Self::dot(lanes, &self.middle, &plane.normal), lanes.splat(plane.offset_m));
+        let [x, y, z] = [0, 1, 2].map(|axis| plane.normal[axis] * self.step_m[axis]);
+        let mut radius = lanes.splat((x.abs() + y.abs() + z.abs()) * OFF_STEPS);
+        for steps in &axes.steps {
+            let half = [lanes.widen_signed(&steps[0]), lanes.widen_signed(&steps[1]), lanes.widen_signed(&steps[2])];
+            radius = lanes.add(radius, lanes.abs(Self::dot(lanes, &half, &[x, y, z])));
+        }
+        (lanes.add(middle, radius), lanes.sub(middle, radius))
+    }
+
+    /// The lanes whose oriented boxes lie wholly on the negative side of a plane, and wholly on the positive one.
+    #[inline(always)]
+    pub(super) fn oriented_sides(&self, lanes: L, plane: &LanePlane, axes: &LeafAxes) -> (u8, u8) {
+        let (high, low) = self.oriented_extent(lanes, plane, axes);
+        (lanes.below(high, lanes.splat(-self.slack_m)), lanes.below(lanes.splat(self.slack_m), low))
+    }
+
+    /// The same of one lane: −1, 1, or 0 where the plane may cut it.
+    #[inline(always)]
+    fn oriented_side(&self, lanes: L, plane: &LanePlane, axes: &LeafAxes, lane: usize, margins: &mut impl Margins<L>) -> i8 {
+        let (high, low) = self.oriented_extent(lanes, plane, axes);
+        margins.tested_leaf(lanes.to_array(high)[lane], lanes.to_array(low)[lane], self.slack_m);
+        let negative = lanes.below(high, lanes.splat(-self.slack_m));
+        let positive = lanes.below(lanes.splat(self.slack_m), low);
+        ((positive >> lane) & 1) as i8 - ((negative >> lane) & 1) as i8
     }
 
     /// What is to be known of lanes that may meet `slots` and be cut by the sides of `mask`.
@@ -269,16 +303,14 @@ pub(super) enum State {
 }
 
 impl Found {
-    /// Where a lane of `node` stands, which was classified with `slots`.
+    /// Where a lane stands, which was classified with `slots`.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments)]
     pub(super) fn state<L: Lanes>(
         &self,
+        lanes: L,
         lane: usize,
         slots: [u16; 4],
-        node: &WideNode,
-        hierarchy: &ObjectHierarchy,
-        lattice: &Lattice,
+        looked: &Looked<'_, L>,
         margins: &mut impl Margins<L>,
         stats: &mut CullStats,
     ) -> State {
@@ -287,19 +319,18 @@ impl Found {
             if slots[0] >= slots[1] || slots[2] >= slots[3] {
                 return State::Unseen;
             }
-            let child = node.child[lane];
+            let child = looked.node.child[lane];
             if child & WideNode::LEAF == 0 {
                 return State::Open(slots, mask);
             }
             if child & WideNode::ORIENTED != 0 {
-                let bound = &hierarchy.node(NodeId(child & WideNode::NODE)).bound;
-                match refine(bound, lane, lattice, slots, mask, margins, stats) {
+                match looked.refine(lanes, lane, slots, mask, margins, stats) {
                     Some(refined) => slots = refined,
                     None => return State::Unseen,
                 }
             }
         }
-        let cells = lattice.cells(slots);
+        let cells = looked.lattice.cells(slots);
         let is_in_gap = cells[0] >= cells[1] || cells[2] >= cells[3];
         if is_in_gap { State::Unseen } else { State::Seen(slots) }
     }
@@ -367,57 +398,55 @@ fn zero_bytes(bytes: u64) -> u8 {
     (zeros >> 7).wrapping_mul(0x0102_0408_1020_4080).to_be_bytes()[0]
 }
 
-/// Least and greatest signed distance of an oriented box from a plane, and what counts as rounding; metres.
-#[inline(always)]
-pub(super) fn extent_m(bound: &Obb, lattice: &Lattice, plane: &RelativePlane) -> [f64; 3] {
-    let offset = bound.center - lattice.eye();
-    let distance_m = offset.x.abs() + offset.y.abs() + offset.z.abs();
-    let middle_m = plane.normal.dot(offset) + plane.offset_m;
-    let radius_m = bound.radius_along(plane.normal);
-    [middle_m - radius_m, middle_m + radius_m, (distance_m + radius_m) * RELATIVE_SLACK]
+/// A node that is looked at, and what it is held against.
+pub(super) struct Looked<'a, L: Lanes> {
+    pub node: &'a WideNode,
+    pub axes: &'a LeafAxes,
+    pub boxes: &'a Boxes<L>,
+    pub lattice: &'a Lattice,
+    pub planes: &'a LanePlanes,
 }
 
-/// The slots that a leaf's oriented box may meet, of those that its axis-aligned box may meet; none when no view sees it.
-#[inline(always)]
-fn refine<L: Lanes>(
-    bound: &Obb,
-    lane: usize,
-    lattice: &Lattice,
-    slots: [u16; 4],
-    mask: u8,
-    margins: &mut impl Margins<L>,
-    stats: &mut CullStats,
-) -> Option<[u16; 4]> {
-    // −1: wholly on the negative side, 1: wholly on the positive one.
-    let mut side = |plane: &RelativePlane| {
-        stats.plane_tests += 1;
-        let [low_m, high_m, slack_m] = extent_m(bound, lattice, plane);
-        margins.tested_leaf(lane, high_m, low_m, slack_m);
-        i8::from(low_m > slack_m) - i8::from(high_m < -slack_m)
-    };
-    if mask & NEAR != 0 && side(lattice.near()) < 0 {
-        return None;
-    }
-    let mut refined = [0; 4];
-    for (axis, planes) in lattice.planes().into_iter().enumerate() {
-        let (low, high) = (slots[axis * 2], slots[axis * 2 + 1]);
-        if mask & (LEFT << (2 * axis)) != 0 && side(&planes[usize::from(low)]) < 0 {
+impl<L: Lanes> Looked<'_, L> {
+    /// The slots that a leaf's oriented box may meet, of those that its axis-aligned box may meet; none when no view sees it.
+    #[inline(always)]
+    fn refine(
+        &self,
+        lanes: L,
+        lane: usize,
+        slots: [u16; 4],
+        mask: u8,
+        margins: &mut impl Margins<L>,
+        stats: &mut CullStats,
+    ) -> Option<[u16; 4]> {
+        let Self { axes, boxes, planes, .. } = self;
+        stats.plane_tests += u64::from(mask.count_ones()) + u64::from(slots[1] - slots[0] + slots[3] - slots[2] - 2);
+        if mask & NEAR != 0 && boxes.oriented_side(lanes, planes.near(), axes, lane, margins) < 0 {
             return None;
         }
-        if mask & (RIGHT << (2 * axis)) != 0 && side(&planes[usize::from(high)]) > 0 {
-            return None;
+        let mut refined = [0; 4];
+        for axis in 0..2 {
+            let (planes, low, high) = (planes.of_axis(axis), slots[axis * 2], slots[axis * 2 + 1]);
+            if mask & (LEFT << (2 * axis)) != 0 && boxes.oriented_side(lanes, &planes[usize::from(low)], axes, lane, margins) < 0
+            {
+                return None;
+            }
+            if mask & (RIGHT << (2 * axis)) != 0
+                && boxes.oriented_side(lanes, &planes[usize::from(high)], axes, lane, margins) > 0
+            {
+                return None;
+            }
+            let (mut first, mut end) = (low, low + 1);
+            let mut is_beyond = true;
+            for k in low + 1..high {
+                let side = boxes.oriented_side(lanes, &planes[usize::from(k)], axes, lane, margins);
+                is_beyond &= side > 0;
+                first += u16::from(is_beyond);
+                end = if side < 0 { end } else { k + 1 };
+            }
+            refined[axis * 2] = first;
+            refined[axis * 2 + 1] = end;
         }
-        // As little as possible depends on what a test says: nobody can predict it.
-        let (mut first, mut end) = (low, low + 1);
-        let mut is_beyond = true;
-        for k in low + 1..high {
-            let side = side(&planes[usize::from(k)]);
-            is_beyond &= side > 0;
-            first += u16::from(is_beyond);
-            end = if side < 0 { end } else { k + 1 };
-        }
-        refined[axis * 2] = first;
-        refined[axis * 2 + 1] = end;
+        Some(refined)
     }
-    Some(refined)
 }

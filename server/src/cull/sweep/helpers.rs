@@ -7,7 +7,6 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
 
-use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::VisibleSet;
 
 use super::kernel::{Memory, Sweep, ToSets, Visit};
@@ -19,7 +18,7 @@ use crate::tree::WideTree;
 /// A share of a sweep, and what came of it.
 #[derive(Default)]
 pub(super) struct Share {
-    pub trees: Option<(Arc<ObjectHierarchy>, Arc<WideTree>)>,
+    pub tree: Option<Arc<WideTree>>,
     pub lattice: Lattice,
     pub start: Vec<Visit>,
     pub sets: Vec<VisibleSet>,
@@ -28,15 +27,15 @@ pub(super) struct Share {
 }
 
 impl Share {
-    /// Sweeps it. Lets go of the trees.
+    /// Sweeps it. Lets go of the tree.
     fn run(&mut self) {
-        let Some((hierarchy, tree)) = self.trees.take() else {
+        let Some(tree) = self.tree.take() else {
             return;
         };
         self.sets.iter_mut().for_each(VisibleSet::clear);
         let sink = ToSets { lattice: &self.lattice, sets: &mut self.sets };
         let (lattice, start, memory) = (&self.lattice, self.start.as_slice(), &mut self.memory);
-        self.stats = lanes::run_on_best(Sweep { tree: &tree, hierarchy: &hierarchy, lattice, start, memory, sink });
+        self.stats = lanes::run_on_best(Sweep { tree: &tree, lattice, start, memory, sink });
     }
 }
 

@@ -1,9 +1,8 @@
 //! The sweep of one lattice over the wide tree.
 
-use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
-use super::classify::{ALL_SIDES, Boxes, LanePlanes, State};
+use super::classify::{ALL_SIDES, Boxes, LanePlanes, Looked, State};
 use super::lanes::{Kernel, Lanes};
 use super::lattice::Lattice;
 use super::narrow;
@@ -49,7 +48,6 @@ pub(super) struct Memory {
 /// One sweep: a lattice, the tree, where to start, and where what is found goes.
 pub(super) struct Sweep<'a, S> {
     pub tree: &'a WideTree,
-    pub hierarchy: &'a ObjectHierarchy,
     pub lattice: &'a Lattice,
     pub start: &'a [Visit],
     pub memory: &'a mut Memory,
@@ -73,7 +71,7 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> CullStats {
-        let Self { tree, hierarchy, lattice, start, memory, mut sink } = self;
+        let Self { tree, lattice, start, memory, mut sink } = self;
         let Memory { stack, planes } = memory;
         planes.set(lattice);
         let mut stats = CullStats::default();
@@ -91,17 +89,19 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
             let node = &tree.nodes()[visit.node as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
             if S::TAKES_CELLS && narrow::takes(&visit, lattice) {
-                narrow::visit(lanes, &boxes, &visit, tree, hierarchy, lattice, planes, stack, &mut sink, &mut stats);
+                narrow::visit(lanes, &boxes, &visit, tree, lattice, planes, stack, &mut sink, &mut stats);
                 continue;
             }
             let found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut (), &mut stats);
+            let axes = &tree.axes()[visit.node as usize];
+            let looked = Looked { node, axes, boxes: &boxes, lattice, planes };
             let first_new = stack.len();
             let mut alive = found.alive;
             while alive != 0 {
                 let lane = alive.trailing_zeros() as usize;
                 alive &= alive - 1;
                 let leaves = node.leaves(lane, visit.leaves.end);
-                match found.state::<L>(lane, visit.slots, node, hierarchy, lattice, &mut (), &mut stats) {
+                match found.state(lanes, lane, visit.slots, &looked, &mut (), &mut stats) {
                     State::Unseen => {}
                     State::Seen(slots) if stack.len() == first_new => sink.emit(leaves, lattice.cells(slots)),
                     State::Seen(slots) => {

@@ -14,6 +14,8 @@ pub(super) trait Lanes: Copy {
     fn splat(self, value: f32) -> Self::Wide;
     /// Bytes as numbers.
     fn widen(self, bytes: &[u8; 8]) -> Self::Wide;
+    /// Signed bytes as numbers.
+    fn widen_signed(self, bytes: &[i8; 8]) -> Self::Wide;
     /// a + b
     fn add(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
     /// a − b
@@ -71,6 +73,11 @@ impl Lanes for Plain {
 
     #[inline(always)]
     fn widen(self, bytes: &[u8; 8]) -> [f32; 8] {
+        bytes.map(f32::from)
+    }
+
+    #[inline(always)]
+    fn widen_signed(self, bytes: &[i8; 8]) -> [f32; 8] {
         bytes.map(f32::from)
     }
 
@@ -168,6 +175,13 @@ mod avx2 {
         }
 
         #[inline(always)]
+        fn widen_signed(self, bytes: &[i8; 8]) -> __m256 {
+            let low = i64::from_le_bytes(bytes.map(i8::cast_unsigned));
+            // SAFETY: as above.
+            unsafe { _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_cvtsi64_si128(low))) }
+        }
+
+        #[inline(always)]
         fn add(self, a: __m256, b: __m256) -> __m256 {
             // SAFETY: as above.
             unsafe { _mm256_add_ps(a, b) }
@@ -245,6 +259,7 @@ mod tests {
         fn run<L: Lanes>(self, l: L) -> Vec<u32> {
             let numbers = [0.0, -0.0, 1.0, 3.0e-39, f32::MAX, f32::INFINITY, f32::NAN, 0.1, -7.3, 1.0 / 3.0];
             let bytes = l.widen(&[0, 1, 2, 127, 128, 200, 254, 255]);
+            let signed = l.widen_signed(&[0, 1, -1, 127, -127, -128, 64, -3]);
             let words = [0, 1 << 30, 1 << 31, u32::MAX, 7, 1 << 29, 3 << 30, 1];
             let mut bits: Vec<u32> = [0, 2, 30, 31].map(|bit| u32::from(l.with_bit(&words, bit))).to_vec();
             for a in numbers {
@@ -252,6 +267,7 @@ mod tests {
                     let (wide_a, wide_b) = (l.mul(l.splat(a), bytes), l.splat(b));
                     let product = l.mul(wide_a, wide_b);
                     for x in [
+                        l.add(signed, wide_b),
                         l.add(wide_a, wide_b),
                         l.sub(wide_a, wide_b),
                         product,

@@ -90,7 +90,7 @@ impl Sweeper {
         for at in 0..self.lattices.len() {
             self.lattices[at].place(world_from_room);
             let slack = self.slack.as_mut().map(|slack| &mut slack[at]);
-            let updated = slack.and_then(|slack| slack.cull(tree.wide(), tree.hierarchy(), &self.lattices[at], sets));
+            let updated = slack.and_then(|slack| slack.cull(tree.wide(), &self.lattices[at], sets));
             if let Some(update) = updated {
                 stats += update;
             } else if is_shared {
@@ -106,18 +106,18 @@ impl Sweeper {
     /// Sweeps one lattice on all threads.
     fn cull_shared(&mut self, at: usize, tree: &CullTree, sets: &mut [VisibleSet]) -> CullStats {
         let lattice = &self.lattices[at];
-        let (wide, hierarchy) = (tree.wide(), tree.hierarchy());
+        let wide = tree.wide();
         self.parts.clear();
         let sink = ToVisits { visits: &mut self.parts, grain: (wide.leaf_count() / PARTS).max(1) };
         let start = [Visit::all(wide, lattice)];
         let memory = &mut self.memory;
-        let mut stats = lanes::run_on_best(Sweep { tree: wide, hierarchy, lattice, start: &start, memory, sink });
+        let mut stats = lanes::run_on_best(Sweep { tree: wide, lattice, start: &start, memory, sink });
 
         let balance = &mut self.balance[at];
         balance.split(&self.parts, self.helpers.len() + 1);
         for (helper, k) in self.helpers.iter_mut().zip(1..) {
             helper.send(|share| {
-                share.trees = Some(tree.shared());
+                share.tree = Some(tree.shared());
                 share.lattice.clone_from(lattice);
                 share.start.clear();
                 share.start.extend_from_slice(&self.parts[balance.share(k)]);
@@ -142,7 +142,7 @@ impl Sweeper {
 /// Sweeps what `start` lists, on this thread.
 fn sweep(tree: &CullTree, lattice: &Lattice, start: &[Visit], memory: &mut Memory, sets: &mut [VisibleSet]) -> CullStats {
     let sink = ToSets { lattice, sets };
-    lanes::run_on_best(Sweep { tree: tree.wide(), hierarchy: tree.hierarchy(), lattice, start, memory, sink })
+    lanes::run_on_best(Sweep { tree: tree.wide(), lattice, start, memory, sink })
 }
 
 /// How a sweep is shared out: so that each share would have cost the same in the frame before.

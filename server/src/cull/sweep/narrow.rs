@@ -4,16 +4,14 @@
 //! took. So little here branches on a single lane: which lanes a cell sees is a mask, put together from what the
 //! planes say, and what a cell sees of a node is one range or a few.
 
-use mullion_common::geometry::Obb;
-use mullion_common::scene::{NodeId, ObjectHierarchy};
 use mullion_common::visible_set::LeafRange;
 
-use super::classify::{Boxes, LEFT, LanePlane, LanePlanes, NEAR, RIGHT, extent_m};
+use super::classify::{Boxes, LEFT, LanePlane, LanePlanes, NEAR, RIGHT};
 use super::kernel::{Sink, Visit};
 use super::lanes::Lanes;
-use super::lattice::{Lattice, RelativePlane};
+use super::lattice::Lattice;
 use crate::cull::CullStats;
-use crate::tree::{LANES, WideNode, WideTree};
+use crate::tree::{LANES, LeafAxes, WideNode, WideTree};
 
 /// There is one plane between slots here, or none.
 const MAX_SLOTS: u16 = 2;
@@ -68,7 +66,6 @@ pub(super) fn visit<L: Lanes>(
     boxes: &Boxes<L>,
     visit: &Visit,
     tree: &WideTree,
-    hierarchy: &ObjectHierarchy,
     lattice: &Lattice,
     planes: &LanePlanes,
     stack: &mut Vec<Visit>,
@@ -77,42 +74,34 @@ pub(super) fn visit<L: Lanes>(
 ) {
     let node = &tree.nodes()[visit.node as usize];
     let mut alive = boxes.alive;
-    let mut tests = 0;
+    let tests = &mut 0;
     let mut near_cuts = 0;
     if visit.mask & NEAR != 0 {
         let (negative, positive) = boxes.sides(lanes, planes.near(), &mut ());
         alive &= !negative;
         near_cuts = !positive;
-        tests += 1;
+        *tests += 1;
     }
     let [left, right, bottom, top] = visit.slots;
-    let mut x = axis(lanes, boxes, [left, right], visit.mask, planes.of_axis(0), &mut alive, &mut tests);
-    let mut y = axis(lanes, boxes, [bottom, top], visit.mask >> 2, planes.of_axis(1), &mut alive, &mut tests);
-    stats.nodes_visited += u64::from(boxes.alive.count_ones());
-    stats.plane_tests += tests * u64::from(boxes.alive.count_ones());
-
+    let mut x = axis(lanes, boxes, [left, right], visit.mask, planes.of_axis(0), &mut alive, tests);
+    let mut y = axis(lanes, boxes, [bottom, top], visit.mask >> 2, planes.of_axis(1), &mut alive, tests);
     let cuts = near_cuts | x.first_cuts | x.last_cuts | y.first_cuts | y.last_cuts;
     let settled = x.single & y.single & !cuts;
     let open = alive & !settled & !node.leaf_lanes;
-    let exact = Exact {
-        lanes: node.leaf_lanes & !settled & lanes.with_bit(&node.child, WideNode::ORIENTED.ilog2()),
-        node,
-        hierarchy,
-        lattice,
-    };
-    if alive & exact.lanes != 0 {
-        alive &= !exact.on(alive & near_cuts, lattice.near(), stats).0;
-        for (axis, of_axis, [low, high]) in [(&mut x, 0, [left, right]), (&mut y, 1, [bottom, top])] {
-            let planes = lattice.planes()[of_axis];
-            alive &= !exact.on(alive & axis.first_cuts, &planes[usize::from(low)], stats).0;
-            alive &= !exact.on(alive & axis.last_cuts, &planes[usize::from(high)], stats).1;
-            if high - low > 1 {
-                let (negative, positive) = exact.on(alive & !axis.single, &planes[usize::from(low + 1)], stats);
-                axis.negative |= negative;
-                axis.positive |= positive;
-            }
+    // Lanes whose oriented boxes are much smaller than their own may tell more.
+    let oriented = alive & !settled & node.leaf_lanes & lanes.with_bit(&node.child, WideNode::ORIENTED.ilog2());
+    if oriented != 0 {
+        let axes = &tree.axes()[visit.node as usize];
+        if near_cuts & oriented != 0 {
+            let (negative, _) = boxes.oriented_sides(lanes, planes.near(), axes);
+            alive &= !(negative & near_cuts & oriented);
+            *tests += 1;
         }
+        refine(lanes, boxes, axes, [left, right], planes.of_axis(0), oriented, &mut x, &mut alive, tests);
+        refine(lanes, boxes, axes, [bottom, top], planes.of_axis(1), oriented, &mut y, &mut alive, tests);
     }
+    stats.nodes_visited += u64::from(boxes.alive.count_ones());
+    stats.plane_tests += *tests * u64::from(boxes.alive.count_ones());
 
     // Leaves come before inner lanes where the tree was built for it, so that what has to wait is little.
     let end = visit.leaves.end;
@@ -156,6 +145,7 @@ pub(super) fn visit<L: Lanes>(
                 | bit(y.last_cuts, RIGHT << 2);
             let child = node.child[lane as usize % LANES];
             lanes.prefetch(&tree.nodes()[child as usize]);
+            lanes.prefetch(&tree.axes()[child as usize]);
             stack.push(Visit { node: child, leaves, slots, mask });
         } else {
             stack.push(Visit { node: Visit::EMIT, leaves, slots: lattice.cells(slots), mask: 0 });
@@ -196,34 +186,36 @@ fn axis<L: Lanes>(
     axis
 }
 
-/// The lanes of a node whose oriented boxes are much smaller than their own, and may tell more.
-struct Exact<'a> {
-    lanes: u8,
-    node: &'a WideNode,
-    hierarchy: &'a ObjectHierarchy,
-    lattice: &'a Lattice,
-}
-
-impl Exact<'_> {
-    #[inline(always)]
-    fn bound(&self, lane: u32) -> &Obb {
-        let child = self.node.child[lane as usize % LANES];
-        &self.hierarchy.node(NodeId(child & WideNode::NODE)).bound
+/// Asks the planes of one axis again, for the oriented boxes that they cut.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn refine<L: Lanes>(
+    lanes: L,
+    boxes: &Boxes<L>,
+    axes: &LeafAxes,
+    [low, high]: [u16; 2],
+    planes: &[LanePlane],
+    oriented: u8,
+    axis: &mut Axis,
+    alive: &mut u8,
+    tests: &mut u64,
+) {
+    let [low, high] = [usize::from(low), usize::from(high)];
+    if axis.first_cuts & oriented != 0 {
+        let (negative, _) = boxes.oriented_sides(lanes, &planes[low], axes);
+        *alive &= !(negative & axis.first_cuts & oriented);
+        *tests += 1;
     }
-
-    /// Of some lanes, those whose oriented boxes lie wholly on the negative side of a plane, and on its positive side.
-    #[inline(always)]
-    fn on(&self, of: u8, plane: &RelativePlane, stats: &mut CullStats) -> (u8, u8) {
-        let mut left = of & self.lanes;
-        let (mut negative, mut positive) = (0, 0);
-        while left != 0 {
-            let lane = left.trailing_zeros();
-            left &= left - 1;
-            stats.plane_tests += 1;
-            let [low_m, high_m, slack_m] = extent_m(self.bound(lane), self.lattice, plane);
-            negative |= u8::from(high_m < -slack_m) << lane;
-            positive |= u8::from(low_m > slack_m) << lane;
-        }
-        (negative, positive)
+    if axis.last_cuts & oriented != 0 {
+        let (_, positive) = boxes.oriented_sides(lanes, &planes[high], axes);
+        *alive &= !(positive & axis.last_cuts & oriented);
+        *tests += 1;
+    }
+    let cut = oriented & !axis.single;
+    if cut != 0 {
+        let (negative, positive) = boxes.oriented_sides(lanes, &planes[low + 1], axes);
+        axis.negative |= negative & cut;
+        axis.positive |= positive & cut;
+        *tests += 1;
     }
 }

@@ -9,10 +9,9 @@
 //! A plane that moves with its eye by δ and turns by an angle θ moves by no more than δ + θ·ρ within a distance ρ of the eye. How
 //! far it has come is summed for distances in steps of two ([`Travel`]).
 
-use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
-use super::classify::{Boxes, Found, LanePlanes, Margins, State};
+use super::classify::{Boxes, Found, LanePlanes, Looked, Margins, State};
 use super::kernel::Visit;
 use super::lanes::{Kernel, Lanes};
 use super::lattice::Lattice;
@@ -129,13 +128,7 @@ impl Slack {
 
     /// Finds what each view of a placed lattice may see, or `None` when a full sweep will be faster. `sets` must be empty
     /// where the lattice has views.
-    pub(super) fn cull(
-        &mut self,
-        wide: &WideTree,
-        hierarchy: &ObjectHierarchy,
-        lattice: &Lattice,
-        sets: &mut [VisibleSet],
-    ) -> Option<CullStats> {
+    pub(super) fn cull(&mut self, wide: &WideTree, lattice: &Lattice, sets: &mut [VisibleSet]) -> Option<CullStats> {
         let movement = self.before.as_ref().and_then(|before| lattice.movement_since(before));
         match &mut self.before {
             Some(before) => before.clone_from(lattice),
@@ -161,7 +154,7 @@ impl Slack {
             self.start_round(wide, sets.len());
         }
         self.planes.set(lattice);
-        let stats = super::lanes::run_on_best(Update { slack: self, wide, hierarchy, lattice, is_fresh });
+        let stats = super::lanes::run_on_best(Update { slack: self, wide, lattice, is_fresh });
         self.finish(lattice, sets);
         if is_fresh {
             self.full_visits = stats.nodes_visited;
@@ -216,7 +209,6 @@ const ROOT: u32 = u32::MAX;
 struct Update<'a> {
     slack: &'a mut Slack,
     wide: &'a WideTree,
-    hierarchy: &'a ObjectHierarchy,
     lattice: &'a Lattice,
     is_fresh: bool,
 }
@@ -226,7 +218,7 @@ impl Kernel for Update<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> CullStats {
-        let Self { slack, wide, hierarchy, lattice, is_fresh } = self;
+        let Self { slack, wide, lattice, is_fresh } = self;
         let Slack { kept: all_kept, round, travel, edits, stack, planes, .. } = slack;
         let mut stats = CullStats::default();
         let offset = wide.origin() - lattice.eye();
@@ -276,6 +268,7 @@ impl Kernel for Update<'_> {
                 LeastMargins { least: lanes.splat(boxes.reach_m), last: lanes.splat(0.0), of_lane: [0.0; LANES], unseen: 0 };
             let mut found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut margins, &mut stats);
             let mut of_lane = margins.finish(lanes, found.alive, boxes.reach_m);
+            let looked = Looked { node, axes: &wide.axes()[id], boxes: &boxes, lattice, planes };
             let (was, was_slots) = (kept.found, kept.slots);
             let band = Travel::band(boxes.reach_m);
             let slots = visit.slots;
@@ -286,15 +279,15 @@ impl Kernel for Update<'_> {
                     *margin_m = f32::INFINITY; // an unused lane
                     continue;
                 }
-                let mut leaf_margin = LeafMargin { least_m: f64::INFINITY };
+                let mut leaf_margin = LeafMargin { least_m: f32::INFINITY };
                 let bit = 1 << lane;
                 let old = if is_known { was.kept_state(lane, was_slots, node) } else { State::Unseen };
                 let new = if found.alive & bit != 0 {
-                    found.state::<L>(lane, slots, node, hierarchy, lattice, &mut leaf_margin, &mut stats)
+                    found.state(lanes, lane, slots, &looked, &mut leaf_margin, &mut stats)
                 } else {
                     State::Unseen
                 };
-                *margin_m = margin_m.min((leaf_margin.least_m as f32).next_down());
+                *margin_m = margin_m.min(leaf_margin.least_m);
                 found.keep(lane, slots, &new);
                 if old != new {
                     let opens = |state: &State| matches!(state, State::Open(..));
@@ -407,12 +400,12 @@ impl<L: Lanes> Margins<L> for LeastMargins<L> {
     }
 
     #[inline(always)]
-    fn tested_leaf(&mut self, _: usize, _: f64, _: f64, _: f64) {}
+    fn tested_leaf(&mut self, _: f32, _: f32, _: f32) {}
 }
 
 /// The least margin of a leaf's oriented box.
 struct LeafMargin {
-    least_m: f64,
+    least_m: f32,
 }
 
 impl<L: Lanes> Margins<L> for LeafMargin {
@@ -423,7 +416,7 @@ impl<L: Lanes> Margins<L> for LeafMargin {
     fn decided(&mut self, _: L, _: u8) {}
 
     #[inline(always)]
-    fn tested_leaf(&mut self, _: usize, high_m: f64, low_m: f64, slack_m: f64) {
+    fn tested_leaf(&mut self, high_m: f32, low_m: f32, slack_m: f32) {
         let margin_m = (high_m + slack_m).abs().min((low_m - slack_m).abs()) - 2.0 * slack_m;
         self.least_m = self.least_m.min(margin_m.max(0.0));
     }
