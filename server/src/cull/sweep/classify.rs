@@ -96,10 +96,12 @@ pub(super) struct Boxes<L: Lanes> {
     middle: [L::Wide; 3],
     /// Half of each edge.
     half: [L::Wide; 3],
+    /// Greatest distance of any of them from the eye along each axis.
+    far_m: [f32; 3],
     /// Length of a step of the node along each axis.
     step_m: [f32; 3],
     /// Distance from the eye within which all of them lie.
-    pub reach_m: f32,
+    reach_m: f32,
     slack_m: f32,
     /// Lanes with something in them.
     pub alive: u8,
@@ -122,7 +124,22 @@ impl<L: Lanes> Boxes<L> {
         let y = Self::span(lanes, &node.min[1], &node.max[1], half_step[1], offset[1]);
         let z = Self::span(lanes, &node.min[2], &node.max[2], half_step[2], offset[2]);
         let is_empty = lanes.below(x.1, lanes.splat(0.0));
-        Self { middle: [x.0, y.0, z.0], half: [x.1, y.1, z.1], step_m, reach_m, slack_m: reach_m * SLACK, alive: !is_empty }
+        Self {
+            middle: [x.0, y.0, z.0],
+            half: [x.1, y.1, z.1],
+            far_m: [reach(0), reach(1), reach(2)],
+            step_m,
+            reach_m,
+            slack_m: reach_m * SLACK,
+            alive: !is_empty,
+        }
+    }
+
+    /// Distance from the eye within which all of them lie, rounded up.
+    pub(super) fn far_m(&self) -> f32 {
+        const UP: f32 = 1.0 + 1e-5;
+        let [x, y, z] = self.far_m;
+        (x * x + y * y + z * z).sqrt() * UP
     }
 
     /// Middle and half length along one axis.

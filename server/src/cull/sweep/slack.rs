@@ -7,7 +7,7 @@
 //! those of the full sweep, to the bit.
 //!
 //! A plane that moves with its eye by δ and turns by an angle θ moves by no more than δ + θ·ρ within a distance ρ of the eye. How
-//! far it has come is summed for distances in steps of two ([`Travel`]).
+//! far it has come is summed for distances in small steps ([`Travel`]).
 
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
@@ -32,20 +32,36 @@ struct Kept {
     round: u32,
     mask: u8,
     /// Which of [`Travel`]'s sums counts.
-    band: u8,
+    band: u16,
 }
 
-/// How far planes have moved, for each power of two of the distance from the eye.
+/// How far planes have moved, for steps of the distance from the eye: eight for each power of two.
 #[derive(Clone, Debug)]
 struct Travel {
-    metres: [f64; 256],
+    metres: Box<[f64; Travel::BANDS]>,
 }
 
+/// Answers are kept while the eye moves by no more than this share of the distance.
+const MOST_MOVED: f32 = 1.0 / 8.0;
+
 impl Travel {
-    /// The band of boxes within `reach_m` of an eye that moves on by at most as much.
-    fn band(reach_m: f32) -> u8 {
-        let exponent = (reach_m.max(f32::MIN_POSITIVE).to_bits() >> 23) as u8;
-        exponent.saturating_add(2).min(254)
+    /// Of an `f32` without its sign, the exponent and three more digits; up to the greatest.
+    const BANDS: usize = 0x7f8;
+    const SHIFT: u32 = 20;
+
+    fn none() -> Self {
+        Self { metres: Box::new([0.0; Self::BANDS]) }
+    }
+
+    /// The band of boxes within `far_m` of an eye that moves on by at most [`MOST_MOVED`] of that.
+    fn band(far_m: f32) -> u16 {
+        let farthest_m = far_m * (1.0 + MOST_MOVED);
+        (farthest_m.to_bits() >> Self::SHIFT).min(Self::BANDS as u32 - 2) as u16 + 1
+    }
+
+    /// What a band's boxes are within, metres.
+    fn limit_m(band: u16) -> f32 {
+        f32::from_bits(u32::from(band) << Self::SHIFT)
     }
 
     /// Adds a frame in which eyes moved by `moved_m` and planes turned by `turned`, radians.
@@ -53,18 +69,18 @@ impl Travel {
         // Rounding, and the slack of the tests, which grows with the distance.
         const MORE: f64 = 1.0 + 1.0 / 65_536.0;
         for (metres, band) in self.metres.iter_mut().zip(0..) {
-            *metres += (moved_m + turned * f64::from(band - 127i16).exp2()) * MORE;
+            *metres += (moved_m + turned * f64::from(Self::limit_m(band))) * MORE;
         }
     }
 
     /// So far, rounded up.
-    fn so_far(&self, band: u8) -> f32 {
+    fn so_far(&self, band: u16) -> f32 {
         let metres = self.metres[usize::from(band)] as f32;
         metres.next_up()
     }
 
     /// The travel in `band` at which `margin_m` is used up, rounded down.
-    fn after(&self, band: u8, margin_m: f32) -> f32 {
+    fn after(&self, band: u16, margin_m: f32) -> f32 {
         ((self.metres[usize::from(band)] + f64::from(margin_m)) as f32).next_down()
     }
 }
@@ -107,7 +123,7 @@ impl Slack {
             kept: Vec::new(),
             round: 0,
             is_current: false,
-            travel: Travel { metres: [0.0; 256] },
+            travel: Travel::none(),
             frames_in_round: 0,
             before: None,
             sets: Vec::new(),
@@ -167,7 +183,7 @@ impl Slack {
     fn start_round(&mut self, wide: &WideTree, views: usize) {
         self.is_current = true;
         self.round = self.round.wrapping_add(1).max(1);
-        self.travel.metres = [0.0; 256];
+        self.travel.metres.fill(0.0);
         self.frames_in_round = 0;
         self.kept.resize(wide.nodes().len(), Kept::default());
         self.sets.resize_with(views, VisibleSet::default);
@@ -233,8 +249,8 @@ impl Kernel for Update<'_> {
                         let child_band = all_kept[node as usize].band;
                         let parent = &mut all_kept[parent as usize];
                         // In the parent's band planes move at least as fast, but where rounding put the child further away.
-                        let shrink = f32::from(child_band.saturating_sub(parent.band)).exp2();
-                        parent.below[usize::from(lane)] = travel.after(parent.band, holds_m / shrink);
+                        let stretch = (Travel::limit_m(parent.band) / Travel::limit_m(child_band)).min(1.0);
+                        parent.below[usize::from(lane)] = travel.after(parent.band, (holds_m * stretch).next_down());
                     }
                     continue;
                 }
@@ -264,13 +280,14 @@ impl Kernel for Update<'_> {
             }
 
             let boxes = Boxes::of(lanes, node, offset, planes);
+            let far_m = boxes.far_m();
             let mut margins =
-                LeastMargins { least: lanes.splat(boxes.reach_m), last: lanes.splat(0.0), of_lane: [0.0; LANES], unseen: 0 };
+                LeastMargins { least: lanes.splat(far_m), last: lanes.splat(0.0), of_lane: [0.0; LANES], unseen: 0 };
             let mut found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut margins, &mut stats);
-            let mut of_lane = margins.finish(lanes, found.alive, boxes.reach_m);
+            let mut of_lane = margins.finish(lanes, found.alive, far_m * MOST_MOVED);
             let looked = Looked { node, axes: &wide.axes()[id], boxes: &boxes, lattice, planes };
             let (was, was_slots) = (kept.found, kept.slots);
-            let band = Travel::band(boxes.reach_m);
+            let band = Travel::band(far_m);
             let slots = visit.slots;
             for (lane, margin_m) in of_lane.iter_mut().enumerate() {
                 let leaves = node.leaves(lane, visit.leaves.end);
@@ -362,14 +379,14 @@ struct LeastMargins<L: Lanes> {
 impl<L: Lanes> LeastMargins<L> {
     /// The margins, of lanes that are not `alive` those of the plane that decided.
     #[inline(always)]
-    fn finish(self, lanes: L, alive: u8, reach_m: f32) -> [f32; LANES] {
+    fn finish(self, lanes: L, alive: u8, most_m: f32) -> [f32; LANES] {
         let mut of_lane = lanes.to_array(self.least);
         for (lane, margin_m) in of_lane.iter_mut().enumerate() {
             if alive & (1 << lane) == 0 && self.unseen & (1 << lane) != 0 {
                 *margin_m = self.of_lane[lane];
             }
             // Not a number where the scene is too large for one.
-            *margin_m = if reach_m.is_finite() { margin_m.clamp(0.0, reach_m) } else { 0.0 };
+            *margin_m = if most_m.is_finite() { margin_m.clamp(0.0, most_m) } else { 0.0 };
         }
         of_lane
     }
