@@ -1,6 +1,6 @@
 //! `mullion verify cull`: every algorithm against the exact answer, on random scenes, rooms and poses.
 //!
-//! A *round* is a scene, a room, and a few frames, all made from one seed; between frames the scene may be edited, the
+//! A *round* is a scene, a room, and a few frames, all made from one seed; between frames leaves move, go and come, the
 //! room moves and heads turn. A *case* is one leaf and one view in one frame. A leaf that the oracle sees and an
 //! algorithm does not is *dropped*: there must be none. What an algorithm has beyond the oracle's is its excess.
 
@@ -16,7 +16,7 @@ use mullion_common::geometry::{Frustum, Obb};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_server::cull::{Algorithm, Culler, Overlap, oracle};
-use mullion_server::tree::CullTree;
+use mullion_server::tree::{Bounds, CullTree, RebuildStep, TreeForm};
 use serde::Serialize;
 
 use random::Random;
@@ -161,6 +161,8 @@ struct Round {
     random: Random,
     scene: Scene,
     tree: CullTree,
+    /// By leaf number: its box, and none where it was removed.
+    boxes: Vec<Option<Obb>>,
     room: Room,
     heads: Vec<DVec3>,
     world_from_room: DAffine3,
@@ -190,7 +192,11 @@ impl Round {
         let sets = || vec![VisibleSet::default(); room.wall().views().len()];
         Ok(Self {
             seed,
-            tree: CullTree::new(Arc::new(scene.hierarchy())),
+            tree: CullTree::editable(
+                Arc::new(scene.hierarchy()),
+                random.pick(&[Bounds::Obb, Bounds::Obb, Bounds::Hybrid, Bounds::Aabb]),
+            ),
+            boxes: scene.leaves().iter().copied().map(Some).collect(),
             world_from_room: pose(&mut random, &scene, heads[0]),
             frames: if is_large { LARGE_FRAMES } else { random.pick(&FRAMES) },
             pace: random.pick(&[Pace::Calm, Pace::Lively]),
@@ -204,17 +210,49 @@ impl Round {
         })
     }
 
-    /// What happens to the scene before a frame: the only place where the tree changes.
+    /// What happens to the scene before a frame: leaves move, go and come, and the tree is built anew.
     fn edit_tree(&mut self, frame: u32, frusta: &[Frustum]) {
-        if self.random.chance(2) || (frame > 0 && self.pace == Pace::Calm) {
+        let Self { random, scene, tree, boxes, pace, .. } = self;
+        if random.chance(2) || (frame > 0 && *pace == Pace::Calm) {
             return;
         }
-        if self.random.chance(3) {
-            self.scene.move_some(&mut self.random);
-        } else {
-            self.scene.touch_some(&mut self.random, frusta);
+        let one_in = u64::from(random.count(1, 50));
+        match random.next() % 8 {
+            0 => {
+                for (leaf, bound) in (0..).zip(boxes.iter_mut()).filter(|(_, bound)| bound.is_some()) {
+                    if random.chance(one_in * 20) {
+                        *bound = None;
+                        tree.remove_leaf(leaf);
+                    }
+                }
+            }
+            1 => {
+                let added: Vec<Obb> = (0..random.count(1, 20)).map(|_| scene.another_box(random)).collect();
+                tree.add_leaves(&added);
+                boxes.extend(added.into_iter().map(Some));
+            }
+            what => {
+                let step_m = random.magnitude(1e-3, scenes::REACH) * scene.unit_m();
+                for (leaf, bound) in (0..).zip(boxes.iter_mut()).filter_map(|(leaf, bound)| Some((leaf, bound.as_mut()?))) {
+                    if random.chance(one_in) {
+                        *bound = match what % 2 {
+                            0 => Scene::moved(random, bound, step_m),
+                            _ => Scene::touching(random, bound, frusta),
+                        };
+                        tree.move_leaf(leaf, bound);
+                    }
+                }
+            }
         }
-        self.tree = CullTree::new(Arc::new(self.scene.hierarchy()));
+        // A rebuild begun before is done now; what happened in between is done to its tree again.
+        if let Some(old_of_new) = tree.rebuild_step(RebuildStep::Finish) {
+            *boxes = old_of_new.iter().map(|old| boxes[*old as usize]).collect();
+        } else if random.chance(4) {
+            tree.start_rebuild();
+            tree.rebuild_step(RebuildStep::Some);
+        }
+        tree.refit(TreeForm::Hierarchy);
+        tree.refit(TreeForm::Wide);
     }
 
     /// The room stands still, goes on a little or jumps, and so do the heads.
@@ -250,11 +288,12 @@ impl Round {
         self.edit_tree(frame, &frusta);
         for (frustum, set) in frusta.iter().zip(&mut self.exact) {
             set.clear();
-            oracle::visible_leaves(self.tree.hierarchy(), frustum, set);
+            let boxes = (0..).zip(&self.boxes).filter_map(|(leaf, bound)| Some((leaf, bound.as_ref()?)));
+            oracle::visible_boxes(boxes, frustum, set);
             report.visible += u64::from(set.len());
         }
         report.frames += 1;
-        report.cases += u64::from(self.tree.hierarchy().leaf_count()) * frusta.len() as u64;
+        report.cases += self.boxes.len() as u64 * frusta.len() as u64;
         let mut missing = VisibleSet::default();
         for contestant in 0..self.cullers.len() {
             let culler = &mut self.cullers[contestant];
@@ -289,7 +328,8 @@ impl Round {
             contestants: vec![contestant],
             leaf,
             view: view as u16,
-            bound: self.scene.leaves()[leaf as usize],
+            // A leaf that a view sees was not removed.
+            bound: self.boxes[leaf as usize].unwrap_or(Obb::of_point(DVec3::NAN)),
             eye: frustum.eye,
             rays: frustum.rays,
             planes: frustum.planes.map(|plane| (plane.normal, plane.offset_m)),

@@ -43,7 +43,7 @@ pub struct Scene {
 }
 
 /// A scene's extent in its own units, from its middle.
-const REACH: f64 = 30.0;
+pub const REACH: f64 = 30.0;
 
 impl Scene {
     /// A scene of at most so many leaves.
@@ -111,40 +111,44 @@ impl Scene {
         self.middle + random.point(REACH * 1.5) * self.unit_m
     }
 
-    /// Moves some leaves, a few or most.
-    pub fn move_some(&mut self, random: &mut Random) {
-        let one_in = u64::from(random.count(1, 50));
-        let step_m = random.magnitude(1e-3, REACH) * self.unit_m;
-        for leaf in &mut self.leaves {
-            if random.chance(one_in) {
-                leaf.center += random.point(step_m);
-            }
-        }
+    /// A new box somewhere in the scene.
+    pub fn another_box(&self, random: &mut Random) -> Obb {
+        let scale = DAffine3::from_scale_rotation_translation(DVec3::splat(self.unit_m), random.turn(), DVec3::ZERO);
+        let place = self.point_near(random);
+        let mut bound = random_box(random, DVec3::ZERO).transformed(&scale);
+        bound.center = place;
+        bound
     }
 
-    /// Moves some leaves to where they touch a side of a view from outside, so that a hair of them is seen: what rounding
-    /// drops first.
-    pub fn touch_some(&mut self, random: &mut Random, frusta: &[Frustum]) {
+    /// A leaf's box after a step, at most so far.
+    pub fn moved(random: &mut Random, leaf: &Obb, step_m: f64) -> Obb {
+        let mut moved = if random.chance(2) {
+            *leaf
+        } else {
+            let turn = DAffine3::from_quat(random.turn());
+            Obb { half_axes: leaf.half_axes.map(|half| turn.transform_vector3(half)), ..*leaf }
+        };
+        moved.center += random.point(step_m);
+        moved
+    }
+
+    /// A leaf's box where it touches a side of a view from outside, so that a hair of it is seen: what rounding drops first.
+    pub fn touching(random: &mut Random, leaf: &Obb, frusta: &[Frustum]) -> Obb {
         const HAIR: [f64; 3] = [1e-14, 1e-9, 1e-7];
-        let one_in = u64::from(random.count(1, 50));
-        for leaf in &mut self.leaves {
-            if !random.chance(one_in) {
-                continue;
-            }
-            let frustum = random.pick(frusta);
-            let [bottom_left, bottom_right, top_right, top_left] = frustum.rays;
-            let (side, along) = random.pick(&[
-                (FrustumSide::Left, [bottom_left, top_left]),
-                (FrustumSide::Right, [bottom_right, top_right]),
-                (FrustumSide::Bottom, [bottom_left, bottom_right]),
-                (FrustumSide::Top, [top_left, top_right]),
-            ]);
-            let share = random.pick(&[0.0, 0.5, 1.0]);
-            let way = (along[0] * share + along[1] * (1.0 - share)) * random.magnitude(1.0, 1e3);
-            let normal = frustum.plane(side).normal;
-            let to_corner: DVec3 = leaf.half_axes.iter().map(|half| *half * half.dot(normal).signum()).sum();
-            leaf.center = frustum.eye + way - to_corner + normal * way.length() * random.pick(&HAIR);
-        }
+        let frustum = random.pick(frusta);
+        let [bottom_left, bottom_right, top_right, top_left] = frustum.rays;
+        let (side, along) = random.pick(&[
+            (FrustumSide::Left, [bottom_left, top_left]),
+            (FrustumSide::Right, [bottom_right, top_right]),
+            (FrustumSide::Bottom, [bottom_left, bottom_right]),
+            (FrustumSide::Top, [top_left, top_right]),
+        ]);
+        let share = random.pick(&[0.0, 0.5, 1.0]);
+        let way = (along[0] * share + along[1] * (1.0 - share)) * random.magnitude(1.0, 1e3);
+        let normal = frustum.plane(side).normal;
+        let to_corner: DVec3 = leaf.half_axes.iter().map(|half| *half * half.dot(normal).signum()).sum();
+        let center = frustum.eye + way - to_corner + normal * way.length() * random.pick(&HAIR);
+        Obb { center, ..*leaf }
     }
 
     /// The tree, with each group's box around its children's.

@@ -7,7 +7,7 @@
 use glam::DVec3;
 use mullion_common::geometry::{Frustum, FrustumSide, Obb};
 use mullion_common::scene::ObjectHierarchy;
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 /// Whether a box (any parallelepiped, flat or a point, too) and the space that a view sees have a point in common; touching
 /// counts. Neither conservative nor greedy: errs only within the rounding of `f64`, in proportion to the distance from the
@@ -19,11 +19,14 @@ pub fn intersects(frustum: &Frustum, obb: &Obb) -> bool {
 /// Adds to `set` the leaves whose boxes [`intersects`] the frustum, in ascending order; `set` must be empty. Tests every
 /// leaf: what encloses leaves in the tree may be wrong, and shall not hide it.
 pub fn visible_leaves(hierarchy: &ObjectHierarchy, frustum: &Frustum, set: &mut VisibleSet) {
+    visible_boxes((0..).zip(hierarchy.leaf_nodes().map(|node| &node.bound)), frustum, set);
+}
+
+/// The same of leaves with these boxes, given by ascending number.
+pub fn visible_boxes<'a>(boxes: impl Iterator<Item = (u32, &'a Obb)>, frustum: &Frustum, set: &mut VisibleSet) {
     let volume = Volume::of(frustum);
-    for (node, next) in hierarchy.nodes().iter().zip(1..) {
-        if node.subtree_end == next && volume.meets(&node.bound) {
-            set.push(node.leaves);
-        }
+    for (leaf, _) in boxes.filter(|(_, bound)| volume.meets(bound)) {
+        set.push(LeafRange::new(leaf, leaf + 1));
     }
 }
 

@@ -100,8 +100,6 @@ pub(super) struct Boxes<L: Lanes> {
     far_m: [f32; 3],
     /// Length of a step of the node along each axis.
     step_m: [f32; 3],
-    /// Distance from the eye within which all of them lie.
-    reach_m: f32,
     slack_m: f32,
     /// Lanes with something in them.
     pub alive: u8,
@@ -129,7 +127,6 @@ impl<L: Lanes> Boxes<L> {
             half: [x.1, y.1, z.1],
             far_m: [reach(0), reach(1), reach(2)],
             step_m,
-            reach_m,
             slack_m: reach_m * SLACK,
             alive: !is_empty,
         }
