@@ -7,8 +7,8 @@
 use glam::{DAffine3, DVec3};
 use mullion_common::geometry::{Frustum, FrustumSide};
 
-/// Views of one eye as columns and rows.
-#[derive(Clone, Debug, Default)]
+/// Views of one eye as columns and rows. `clone_from` reuses memory.
+#[derive(Debug, Default)]
 pub(super) struct Lattice {
     frame: Frame,
     columns: Axis,
@@ -19,7 +19,7 @@ pub(super) struct Lattice {
 }
 
 /// The planes of a lattice in the world, relative to its eye.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 struct Placed {
     eye: DVec3,
     near: RelativePlane,
@@ -47,7 +47,7 @@ struct Frame {
 }
 
 /// Edges along one axis, as tangents from the axis of view, and the slots between them.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 struct Axis {
     /// Ascending.
     tangents: Vec<f64>,
@@ -89,6 +89,25 @@ impl Default for SlotTable {
         Self([0; Self::SLOTS])
     }
 }
+
+/// Clones field by field, which a derived `clone_from` does not.
+macro_rules! clone_by_field {
+    ($type:ident { $($field:ident),* }) => {
+        impl Clone for $type {
+            fn clone(&self) -> Self {
+                Self { $($field: self.$field.clone()),* }
+            }
+
+            fn clone_from(&mut self, other: &Self) {
+                $(self.$field.clone_from(&other.$field);)*
+            }
+        }
+    };
+}
+
+clone_by_field!(Lattice { frame, columns, rows, views, placed });
+clone_by_field!(Placed { eye, near, planes });
+clone_by_field!(Axis { tangents, spans, slots, is_simple, is_plain, first, end });
 
 /// Tangents that differ by less are one edge: rounding, which the slack of the box tests covers.
 const SAME_EDGE: f64 = 1e-9;
