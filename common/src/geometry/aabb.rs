@@ -22,11 +22,13 @@ impl Aabb {
     }
 
     /// The least box that holds both.
+    #[inline]
     pub fn union(&self, other: &Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
     /// Whether it holds no point.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.min.cmpgt(self.max).any()
     }
@@ -42,6 +44,7 @@ impl Aabb {
     }
 
     /// Half its surface, m²: what a ray, or the edge of a view, meets it by. Meaningless when empty.
+    #[inline]
     pub fn half_area(&self) -> f64 {
         let s = self.size();
         s.x * s.y + s.y * s.z + s.z * s.x

@@ -60,6 +60,7 @@ impl Obb {
     }
 
     /// The box after an affine transform; exact for every transform.
+    #[inline]
     pub fn transformed(&self, to_from_here: &DAffine3) -> Self {
         Self {
             center: to_from_here.transform_point3(self.center),
@@ -89,6 +90,7 @@ impl Obb {
     }
 
     /// The least axis-aligned box around it.
+    #[inline]
     pub fn aabb(&self) -> Aabb {
         let [x, y, z] = self.half_axes.map(DVec3::abs);
         let half_m = x + y + z;

@@ -176,10 +176,14 @@ impl CullTree {
 
     /// Gives a leaf the bound that encloses it from now on; it must be finite. Takes effect with [`CullTree::refit`].
     pub fn move_leaf(&mut self, leaf: u32, bound: &Obb) {
+        self.edits().mark(leaf);
         let bound = if self.bounds == Bounds::Obb { *bound } else { bound.aabb().into() };
-        let edits = self.edits();
-        edits.mark(leaf);
-        let node = NodeId(edits.hierarchy_paths.start_of(leaf));
+        self.set_bound(leaf, bound);
+    }
+
+    fn set_bound(&mut self, leaf: u32, bound: Obb) {
+        let node = NodeId(self.edits().hierarchy_paths.start_of(leaf));
+        Arc::make_mut(&mut self.wide).mark_oriented(leaf, &bound);
         Arc::make_mut(&mut self.hierarchy).set_bound(node, bound);
     }
 
@@ -190,9 +194,8 @@ impl CullTree {
         edits.removed.normalize();
         edits.mark(leaf);
         // A point within what enclosed it: nothing gets larger for its sake.
-        let id = NodeId(edits.hierarchy_paths.start_of(leaf));
-        let middle = self.hierarchy.node(id).bound.center;
-        Arc::make_mut(&mut self.hierarchy).set_bound(id, Obb::of_point(middle));
+        let middle = self.leaf_bound(leaf).center;
+        self.set_bound(leaf, Obb::of_point(middle));
     }
 
     /// Adds leaves with these bounds, one or more, and returns their numbers: the next ones, in the order given. They stand below

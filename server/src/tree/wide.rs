@@ -16,6 +16,8 @@ pub struct WideTree {
     nodes: Vec<WideNode>,
     /// Of each node, its leaves' oriented boxes.
     axes: Vec<LeafAxes>,
+    /// A bit for each leaf whose oriented box is worth a test of its own.
+    oriented: Vec<u64>,
     /// Node 0, and the nodes that came above it when trees were appended, each the first child of the next. All other
     /// nodes come after their parents.
     roots: Vec<u32>,
@@ -42,6 +44,7 @@ impl WideTree {
         let mut tree = Self {
             nodes: Vec::new(),
             axes: Vec::new(),
+            oriented: Vec::new(),
             roots: vec![0],
             origin,
             leaf_count: hierarchy.leaf_count(),
@@ -79,6 +82,11 @@ impl WideTree {
             self.nodes.push(node);
         }
         self.axes.resize(self.nodes.len(), LeafAxes::default());
+        let run = run.first..run.end;
+        for id in run.filter(|id| hierarchy.is_leaf(NodeId(*id))) {
+            let node = hierarchy.node(NodeId(id));
+            self.mark_oriented(node.leaves.start, &node.bound);
+        }
         for id in (first..self.nodes.len()).rev() {
             self.refit(id as u32, hierarchy);
         }
@@ -108,6 +116,20 @@ impl WideTree {
         first
     }
 
+    /// Takes down whether a leaf's oriented box has so much less surface than the axis-aligned box around it that another test
+    /// pays. Takes effect when the leaf's node is refitted.
+    pub(super) fn mark_oriented(&mut self, leaf: u32, bound: &Obb) {
+        const WORTH: f64 = 0.9;
+        // Edges at right angles are taken for granted: it is a guess, and made for every leaf that moves.
+        let [x, y, z] = bound.half_axes.map(DVec3::length);
+        let is_worth_it = (x * y + y * z + z * x) * 4.0 < WORTH * bound.aabb().half_area();
+        let (word, bit) = (leaf as usize / 64, leaf % 64);
+        if word >= self.oriented.len() {
+            self.oriented.resize(word + 1, 0);
+        }
+        self.oriented[word] = (self.oriented[word] & !(1 << bit)) | (u64::from(is_worth_it) << bit);
+    }
+
     /// Gives a node the boxes of its leaves as they are now and of its children as they were last refitted.
     pub(super) fn refit(&mut self, id: u32, hierarchy: &ObjectHierarchy) {
         let mut boxes = [Aabb::EMPTY; LANES];
@@ -121,7 +143,9 @@ impl WideTree {
             let at = child[lane] & WideNode::NODE;
             let bound = &hierarchy.node(NodeId(at)).bound;
             let around = bound.aabb();
-            child[lane] = WideNode::LEAF | at | if is_worth_its_own_test(bound, &around) { WideNode::ORIENTED } else { 0 };
+            let leaf = node.first_leaf[lane] as usize;
+            let is_oriented = (self.oriented[leaf / 64] >> (leaf % 64)) & 1 != 0;
+            child[lane] = WideNode::LEAF | at | if is_oriented { WideNode::ORIENTED } else { 0 };
             boxes[lane] = Aabb { min: around.min - self.origin, max: around.max - self.origin };
         }
         let node = &mut self.nodes[id as usize];
@@ -183,14 +207,6 @@ impl WideTree {
 /// Half the surface of a box, m²; zero for an empty one.
 fn half_area(b: &Aabb) -> f64 {
     if b.is_empty() { 0.0 } else { b.half_area() }
-}
-
-/// Whether an oriented box has so much less surface than the axis-aligned box around it that another test pays.
-fn is_worth_its_own_test(bound: &Obb, around: &Aabb) -> bool {
-    const WORTH: f64 = 0.9;
-    // Edges at right angles are taken for granted: it is a guess, and made for every leaf that moves.
-    let [x, y, z] = bound.half_axes.map(DVec3::length);
-    (x * y + y * z + z * x) * 4.0 < WORTH * around.half_area()
 }
 
 /// Half the surface of the axis-aligned box of every node of a run, from its leaves' boxes up.
