@@ -149,6 +149,11 @@ impl CullTree {
         &self.wide
     }
 
+    /// Memory taken by the hierarchy and the wide nodes, bytes; what edits keep comes on top.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.hierarchy.nodes()) + self.wide.bytes()
+    }
+
     /// The bound of a leaf.
     pub fn leaf_bound(&self, leaf: u32) -> &Obb {
         let known = self.edits.as_ref().map(|edits| NodeId(edits.hierarchy_paths.start_of(leaf)));

@@ -198,6 +198,11 @@ impl WideTree {
         self.origin
     }
 
+    /// Memory taken, bytes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.nodes[..]) + size_of_val(&self.axes[..]) + size_of_val(&self.oriented[..])
+    }
+
     /// Number of leaves.
     pub fn leaf_count(&self) -> u32 {
         self.leaf_count

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, anyhow, ensure};
 use mullion_common::scene::Package;
 use mullion_server::cull::Algorithm;
-use mullion_server::tree::TreeForm;
+use mullion_server::tree::{CullTree, TreeForm};
 use serde::Serialize;
 
 use super::figures;
@@ -143,6 +143,7 @@ fn measured(
         tiles: wall.tiles().len() as u32,
         leaves: package.scene.leaf_count(),
         nodes: package.scene.hierarchy.nodes().len() as u32,
+        tree_bytes: CullTree::new(Arc::clone(&package.scene.hierarchy)).bytes(),
         path: source.to_string(),
         frames,
         rows: compare(rows),

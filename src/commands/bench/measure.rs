@@ -109,7 +109,7 @@ struct Runner {
 
 /// Frames that a contestant culls before the next one has its turn: so few that drift of the machine meets all alike, and so
 /// many that most of them find in the caches what the contestant, not its rivals, left there.
-const BLOCK_FRAMES: u64 = 8;
+pub const BLOCK_FRAMES: u64 = 8;
 
 /// Measures all contestants on a case. They cull the same frames, block by block in turn, and in each block another one
 /// begins. Between two readings of the clock there is one cull and nothing else.

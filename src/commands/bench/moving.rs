@@ -14,7 +14,7 @@ use mullion_server::cull::{Algorithm, Culler};
 use mullion_server::tree::{Bounds, DynamicScene};
 use serde::Serialize;
 
-use super::measure::WARM_UP_FRAMES;
+use super::measure::{BLOCK_FRAMES, WARM_UP_FRAMES};
 use crate::say::say;
 use crate::show::Spread;
 
@@ -66,21 +66,23 @@ struct Runner {
     pairs: u64,
 }
 
-/// Moves, refits and culls, every algorithm with every kind of bounds on the same frames; another one begins in each.
+/// Moves, refits and culls, every algorithm with every kind of bounds on the same frames, block by block in turn.
 pub fn measure(case: &MovingCase<'_>) -> (usize, Vec<MovingRow>) {
     let movers = Movers::of(case.package, case.percent);
     let mut runners: Vec<Runner> =
         ALGORITHMS.iter().flat_map(|algorithm| Bounds::ALL.map(|bounds| Runner::new(case, *algorithm, bounds))).collect();
     let eyes = case.wall.default_eyes();
     let mut moves: Vec<(ObjectId, DAffine3)> = Vec::with_capacity(movers.objects.len());
-    for frame in 0..WARM_UP_FRAMES + case.frames {
-        moves.clear();
-        moves.extend(movers.at(frame));
-        let pose = case.path.pose(frame);
+    let all_frames = WARM_UP_FRAMES + case.frames;
+    for block in 0..all_frames.div_ceil(BLOCK_FRAMES) {
         for turn in 0..runners.len() {
-            let at = (turn + frame as usize) % runners.len();
-            let is_measured = frame >= WARM_UP_FRAMES;
-            runners[at].run(&moves, case.wall, &eyes, &pose, is_measured);
+            let at = (turn + block as usize) % runners.len();
+            for frame in block * BLOCK_FRAMES..((block + 1) * BLOCK_FRAMES).min(all_frames) {
+                moves.clear();
+                moves.extend(movers.at(frame));
+                let is_measured = frame >= WARM_UP_FRAMES;
+                runners[at].run(&moves, case.wall, &eyes, &case.path.pose(frame), is_measured);
+            }
         }
     }
     (movers.objects.len(), runners.into_iter().map(Runner::finish).collect())

@@ -14,6 +14,8 @@ pub struct Table {
     pub leaves: u32,
     /// Of the object hierarchy.
     pub nodes: u32,
+    /// Memory of the hierarchy and of its wide form.
+    pub tree_bytes: usize,
     pub path: String,
     pub frames: u64,
     pub rows: Vec<ComparedRow>,
@@ -42,8 +44,9 @@ pub fn compare(rows: Vec<Row>) -> Vec<ComparedRow> {
 impl Table {
     /// Prints it. Counts are means of a frame, all tiles together.
     pub fn print(&self) {
-        let Self { scene, grid, tiles, leaves, nodes, path, frames, .. } = self;
-        say!("{scene}, {leaves} leaves in {nodes} nodes, on {grid} ({tiles} tiles): {path}, {frames} frames");
+        let Self { scene, grid, tiles, leaves, nodes, tree_bytes, path, frames, .. } = self;
+        let mib = *tree_bytes as f64 / f64::from(1 << 20);
+        say!("{scene}, {leaves} leaves in {nodes} nodes ({mib:.1} MiB), on {grid} ({tiles} tiles): {path}, {frames} frames");
         say!(
             "{:21} {:>10} {:>10} {:>10} {:>12} {:>11} {:>8} {:>7} {:>6} {:>10}",
             "algorithm",
