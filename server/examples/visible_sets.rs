@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let middle = scene_bounds(&package).map_or(DVec3::ZERO, |bounds| bounds.center());
     let world_from_room = DAffine3::from_translation(middle);
     let tree = CullTree::new(Arc::clone(&package.scene.hierarchy));
-    let mut culler = Culler::new(Algorithm::Adaptive, &wall);
+    let mut culler = Culler::new(Algorithm::Sweep, &wall);
     let mut sets = vec![VisibleSet::default(); wall.views().len()];
     culler.cull(&tree, &wall, &wall.default_eyes(), &world_from_room, &mut sets);
     let start = Instant::now();

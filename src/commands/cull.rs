@@ -42,7 +42,7 @@ pub struct Options {
     #[arg(long, requires = "path", default_value_t = 0)]
     frame: u64,
     /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain, naive, or all of them one beside the other.
-    #[arg(long, default_value = "adaptive")]
+    #[arg(long, default_value = "sweep")]
     algorithm: String,
     /// Cull so many times, algorithms in turn, and give the median time.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]

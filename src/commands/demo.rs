@@ -50,8 +50,8 @@ pub struct Options {
     /// Show the wall in a window, too.
     #[arg(long)]
     window: bool,
-    /// adaptive, oh, fh, oh-plain or naive.
-    #[arg(long, default_value = "adaptive")]
+    /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.
+    #[arg(long, default_value = "sweep")]
     algorithm: Algorithm,
     #[command(flatten)]
     how: HowToPrepare,

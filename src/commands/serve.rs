@@ -42,8 +42,8 @@ pub struct Options {
     /// How long a frame waits for a tile that was ready for the last one, milliseconds; a frame's time and 4 ms if left out.
     #[arg(long, allow_negative_numbers = true, value_name = "MS")]
     barrier: Option<f64>,
-    /// adaptive, oh, fh, oh-plain or naive.
-    #[arg(long, default_value = "adaptive")]
+    /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.
+    #[arg(long, default_value = "sweep")]
     algorithm: Algorithm,
     /// Camera path: a file, or a walk made for the scene: orbit, whole, interior, flythrough, pan.
     #[arg(long, value_name = "FILE|NAME", default_value = "orbit")]

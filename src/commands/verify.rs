@@ -57,7 +57,7 @@ struct PixelOptions {
     #[arg(long, value_name = "COLUMNSxROWS", value_delimiter = ',', default_value = "1x1,2x2,3x2,4x4", value_parser = Grid::parse)]
     grids: Vec<Grid>,
     /// How to cull.
-    #[arg(long, default_value = "adaptive")]
+    #[arg(long, default_value = "sweep")]
     algorithm: Algorithm,
     /// Write what was found (JSON; `-` for standard output).
     #[arg(long, value_name = "FILE")]
