@@ -29,25 +29,32 @@ pub struct WideNode {
 }
 const _: () = assert!(size_of::<WideNode>() == 128);
 
-/// The oriented boxes in a node's lanes, for leaves: half-axes in whole steps of the node, about the middles of their lanes. 72 bytes.
+/// The oriented boxes in a node's lanes, for leaves: half-axes about the middles of their lanes. 72 bytes.
 ///
-/// Each coordinate is off by half a step at most, and so is the middle.
+/// A coordinate is in 127ths of half the lane's edge, off by half of one at most; the middle is off by half a step of the node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LeafAxes {
     /// By half-axis, then coordinate, then lane.
-    pub steps: [[[i8; LANES]; 3]; 3],
+    pub shares: [[[i8; LANES]; 3]; 3],
 }
 const _: () = assert!(size_of::<LeafAxes>() == 72);
 
 impl LeafAxes {
+    /// Parts of half an edge.
+    pub const PARTS: f32 = 127.0;
+
     /// Takes the half-axes of a lane of `node`, which must have the box around them.
     pub(super) fn set(&mut self, lane: usize, half_axes: &[DVec3; 3], node: &WideNode) {
-        for (steps, half) in self.steps.iter_mut().zip(half_axes) {
-            for axis in 0..3 {
-                let in_steps = half[axis] * power_of_two_f64(-i32::from(node.exponent[axis]));
-                // To the nearest; no longer than half the lane, which is 127.5 steps at most.
-                let rounded = (in_steps + 0.5_f64.copysign(in_steps)) as i32;
-                steps[axis][lane] = rounded.clamp(-127, 127) as i8;
+        for axis in 0..3 {
+            let steps = node.max[axis][lane].saturating_sub(node.min[axis][lane]);
+            let half_m = f64::from(steps) * 0.5 * power_of_two_f64(node.exponent[axis].into());
+            // No half-axis is longer than half the lane; where that has no extent, neither have they.
+            let per_m = if half_m > 0.0 { f64::from(Self::PARTS) / half_m } else { 0.0 };
+            for (shares, half) in self.shares.iter_mut().zip(half_axes) {
+                let share = half[axis] * per_m;
+                // To the nearest.
+                let rounded = (share + 0.5_f64.copysign(share)) as i32;
+                shares[axis][lane] = rounded.clamp(-127, 127) as i8;
             }
         }
     }

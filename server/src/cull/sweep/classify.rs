@@ -170,14 +170,24 @@ impl<L: Lanes> Boxes<L> {
     /// Greatest and least signed distances of the oriented boxes in the lanes from a plane: no less than they are, and no more.
     #[inline(always)]
     fn oriented_extent(&self, lanes: L, plane: &LanePlane, axes: &LeafAxes) -> (L::Wide, L::Wide) {
-        // Half a step for each of three half-axes and for the middle, and what the sums here round.
-        const OFF_STEPS: f32 = 2.1;
+        // Half a part for each of three half-axes, and what the sums here round.
+        const OFF: f32 = 1.6 / LeafAxes::PARTS;
         let middle = lanes.add(Self::dot(lanes, &self.middle, &plane.normal), lanes.splat(plane.offset_m));
-        let [x, y, z] = [0, 1, 2].map(|axis| plane.normal[axis] * self.step_m[axis]);
-        let mut radius = lanes.splat((x.abs() + y.abs() + z.abs()) * OFF_STEPS);
-        for steps in &axes.steps {
-            let half = [lanes.widen_signed(&steps[0]), lanes.widen_signed(&steps[1]), lanes.widen_signed(&steps[2])];
-            radius = lanes.add(radius, lanes.abs(Self::dot(lanes, &half, &[x, y, z])));
+        // Half a step for the middle.
+        let [x, y, z] = [0, 1, 2].map(|axis| plane.absolute[axis] * self.step_m[axis]);
+        let off = lanes
+            .add(lanes.mul(Self::dot(lanes, &self.half, &plane.absolute), lanes.splat(OFF)), lanes.splat((x + y + z) * 0.51));
+        let part = [
+            lanes.mul(self.half[0], lanes.splat(plane.normal[0] / LeafAxes::PARTS)),
+            lanes.mul(self.half[1], lanes.splat(plane.normal[1] / LeafAxes::PARTS)),
+            lanes.mul(self.half[2], lanes.splat(plane.normal[2] / LeafAxes::PARTS)),
+        ];
+        let mut radius = off;
+        for shares in &axes.shares {
+            let x = lanes.mul(lanes.widen_signed(&shares[0]), part[0]);
+            let y = lanes.mul(lanes.widen_signed(&shares[1]), part[1]);
+            let z = lanes.mul(lanes.widen_signed(&shares[2]), part[2]);
+            radius = lanes.add(radius, lanes.abs(lanes.add(lanes.add(x, y), z)));
         }
         (lanes.add(middle, radius), lanes.sub(middle, radius))
     }
