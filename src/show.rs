@@ -90,7 +90,7 @@ impl Record {
         Box::new(move |pose, sets| {
             let start = Instant::now();
             pose.moved.iter().for_each(|moved| scene.move_object(moved.object, &moved.transform.affine()));
-            scene.tree_mut().refit(algorithm.tree_form());
+            scene.refit(algorithm.tree_form());
             culler.cull(scene.tree(), &wall, &pose.eyes, &pose.world_from_room, sets);
             let cull_us = start.elapsed().as_secs_f64() * 1e6;
             let mut data = record.0.lock().unwrap_or_else(PoisonError::into_inner);

@@ -80,8 +80,7 @@ fn is_surely_seen(bound: &Obb, frustum: &Frustum) -> bool {
 }
 
 fn leaf_bounds(tree: &CullTree) -> Vec<Obb> {
-    let nodes = tree.hierarchy().nodes();
-    nodes.iter().zip(1..).filter(|(node, next)| node.subtree_end == *next).map(|(node, _)| node.bound).collect()
+    tree.hierarchy().leaf_nodes().map(|node| node.bound).collect()
 }
 
 fn assert_drops_nothing(tree: &CullTree, wall: &Wall, eyes: &[DVec3], room: &DAffine3, sets: &[VisibleSet]) -> u32 {

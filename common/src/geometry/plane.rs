@@ -6,7 +6,7 @@ use super::{Containment, Obb, RELATIVE_SLACK};
 
 /// Share of absolute coordinates that rounding may cost: eye, plane and box are each placed in the world by about a dozen
 /// operations of half an ulp.
-const ABSOLUTE_ROUNDING: f64 = 16.0 * f64::EPSILON;
+pub const ABSOLUTE_ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// The plane `normal · p + offset_m = 0`; points with a positive value are inside.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -22,7 +22,7 @@ use crate::wire::codec::{self, CodecError};
 
 const MAGIC: [u8; 8] = *b"MULLION\x1a";
 /// Version of the container and its sections. A reader takes only its own.
-pub const PACKAGE_VERSION: u32 = 1;
+pub const PACKAGE_VERSION: u32 = 2;
 const MAX_SECTIONS: u32 = 1024;
 /// Most bytes in a package.
 pub const MAX_PACKAGE_BYTES: u64 = 64 << 30;

@@ -6,7 +6,7 @@ use glam::DAffine3;
 use mullion_common::geometry::{Obb, RELATIVE_SLACK};
 use mullion_common::scene::{NodeId, ObjectId, Package, Scene};
 
-use super::{Bounds, CullTree};
+use super::{Bounds, CullTree, TreeForm};
 
 /// A package's scene with objects that move (Nirnimesh, Harish, Narayanan 2006, section 5).
 ///
@@ -52,9 +52,9 @@ impl DynamicScene {
         &self.tree
     }
 
-    /// The tree, to be refitted.
-    pub fn tree_mut(&mut self) -> &mut CullTree {
-        &mut self.tree
+    /// Brings a form of the tree up to date with all that moved.
+    pub fn refit(&mut self, form: TreeForm) {
+        self.tree.refit(form);
     }
 
     /// Puts an object where `world_from_local` says, which must be finite. Objects below it stay where they are: each has a

@@ -203,11 +203,14 @@ impl CullTree {
         self.set_bound(leaf, Obb::of_point(middle));
     }
 
-    /// Adds leaves with these bounds, one or more, and returns their numbers: the next ones, in the order given. They stand below
+    /// Adds leaves with these bounds and returns their numbers: the next ones, in the order given. They stand below
     /// the root until the tree is rebuilt.
     pub fn add_leaves(&mut self, bounds: &[Obb]) -> LeafRange {
-        self.stamp = new_stamp();
         let first = self.hierarchy.leaf_count();
+        if bounds.is_empty() {
+            return LeafRange::new(first, first);
+        }
+        self.stamp = new_stamp();
         let has_inner_root = self.hierarchy.nodes().len() > 1;
         let edits = self.edits.get_or_insert_with(|| Box::new(Edits::of(&self.hierarchy, &self.wide)));
         let hierarchy = Arc::make_mut(&mut self.hierarchy);

@@ -1,6 +1,6 @@
 //! The object hierarchy as the sweep walks it: eight children a node, their boxes side by side in 128 bytes.
 //!
-//! Boxes are axis-aligned and quantized to 1/255 of their node, rounded outwards. A wide node takes in several levels of
+//! Boxes are axis-aligned and quantized to steps of their node, 128 to 255 of them across, rounded outwards. A wide node takes in several levels of
 //! the hierarchy, and a hierarchy's node with more than eight children becomes several wide ones; leaf numbers are
 //! the same, and so is their order.
 

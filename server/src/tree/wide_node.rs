@@ -109,7 +109,7 @@ impl WideNode {
                 let (low, high) = ((b.min[axis] - from) * per_step, (b.max[axis] - from) * per_step);
                 // Neither is negative, nor above 255, where the box is not empty: a cast rounds down.
                 let (low, floor) = (low as i32, high as i32);
-                let ceil = floor + i32::from(f64::from(floor) < high);
+                let ceil = floor.saturating_add(i32::from(f64::from(floor) < high));
                 let is_empty = b.min[axis] > b.max[axis];
                 (self.min[axis][lane], self.max[axis][lane]) = if is_empty { (1, 0) } else { (clamped(low), clamped(ceil)) };
             }
@@ -181,6 +181,22 @@ fn floor_f32(value: f64) -> f32 {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    /// Infinite for the lanes, so that every plane cuts them; never empty.
+    #[test]
+    fn boxes_without_measure_are_not_lost() {
+        for far in [1e39, 1e60, 1e300] {
+            let mut boxes = [Aabb::EMPTY; LANES];
+            boxes[0] = Aabb { min: DVec3::splat(-far), max: DVec3::splat(far) };
+            boxes[1] = Aabb { min: DVec3::ZERO, max: DVec3::ONE };
+            let mut node = WideNode::default();
+            node.set_boxes(&boxes);
+            for lane in 0..2 {
+                assert!((0..3).all(|axis| node.min[axis][lane] <= node.max[axis][lane]), "{far} lane {lane}: {node:?}");
+            }
+            assert!(!node.bound().is_empty());
+        }
+    }
 
     proptest! {
         #[test]

@@ -243,7 +243,7 @@ impl Runner {
             plane_tests: mean(self.stats.plane_tests),
             leaf_tile_pairs: mean(self.pairs),
             ranges: mean(self.ranges),
-            excess_percent: (self.checked_pairs as f64 / self.true_pairs.max(1) as f64 - 1.0) * 100.0,
+            excess_percent: (self.checked_pairs - self.true_pairs) as f64 * 100.0 / self.true_pairs.max(1) as f64,
             frame_us: self.frame_us,
         }
     }

@@ -107,7 +107,7 @@ impl Runner {
             self.scene.move_object(*object, world_from_local);
         }
         let edited = Instant::now();
-        self.scene.tree_mut().refit(self.algorithm.tree_form());
+        self.scene.refit(self.algorithm.tree_form());
         let refitted = Instant::now();
         self.culler.cull(self.scene.tree(), wall, eyes, pose, &mut self.sets);
         let culled = Instant::now();

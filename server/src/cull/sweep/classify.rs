@@ -1,7 +1,7 @@
 //! A node's eight boxes against the planes of a lattice.
 
 use glam::DVec3;
-use mullion_common::geometry::RELATIVE_SLACK;
+use mullion_common::geometry::{ABSOLUTE_ROUNDING, RELATIVE_SLACK};
 
 use super::lanes::Lanes;
 use super::lattice::{Lattice, RelativePlane};
@@ -42,13 +42,17 @@ pub(super) struct LanePlanes {
     near: LanePlane,
     /// Columns and rows.
     axes: [Vec<LanePlane>; 2],
+    /// What absolute coordinates of eye and tree round, metres.
+    absolute_m: f32,
     /// Memory of [`Boxes::classify`]: for each plane inside the slots, the lanes wholly on its negative side.
     negative: Vec<u8>,
 }
 
 impl LanePlanes {
-    /// Takes the planes of a placed lattice.
-    pub(super) fn set(&mut self, lattice: &Lattice) {
+    /// Takes the planes of a placed lattice, for a tree whose boxes are relative to `origin`.
+    pub(super) fn set(&mut self, lattice: &Lattice, origin: DVec3) {
+        let absolute_m = lattice.eye().abs().element_sum() + origin.abs().element_sum();
+        self.absolute_m = (absolute_m * ABSOLUTE_ROUNDING) as f32;
         self.near = lattice.near().into();
         for (own, planes) in self.axes.iter_mut().zip(lattice.planes()) {
             own.clear();
@@ -127,7 +131,7 @@ impl<L: Lanes> Boxes<L> {
             half: [x.1, y.1, z.1],
             far_m: [reach(0), reach(1), reach(2)],
             step_m,
-            slack_m: reach_m * SLACK,
+            slack_m: reach_m * SLACK + planes.absolute_m,
             alive: !is_empty,
         }
     }
@@ -220,7 +224,7 @@ impl<L: Lanes> Boxes<L> {
         margins: &mut impl Margins<L>,
         stats: &mut CullStats,
     ) -> Found {
-        let LanePlanes { near, axes, negative: negatives } = planes;
+        let LanePlanes { near, axes, negative: negatives, .. } = planes;
         let mut found = Found { alive: self.alive, settled: 0, low: [0; 2], high: [0; 2], masks: 0 };
         let mut tests = 0;
         if mask & NEAR != 0 {

@@ -81,7 +81,14 @@ impl Helper {
     pub(super) fn wait(&mut self) -> &Share {
         let mut share = match self.share.take() {
             Some(unsent) => unsent,
-            None => self.from.recv().unwrap_or_default(),
+            None => match self.from.recv() {
+                Ok(share) => share,
+                // Its thread panicked, and the share is lost with it: as if this thread had.
+                Err(_) => match self.thread.take().map(JoinHandle::join) {
+                    Some(Err(panic)) => std::panic::resume_unwind(panic),
+                    _ => Box::default(),
+                },
+            },
         };
         share.run(); // what no thread has done
         self.share.insert(share)
@@ -92,7 +99,7 @@ impl Drop for Helper {
     fn drop(&mut self) {
         self.to = None;
         if let Some(thread) = self.thread.take() {
-            let _ = thread.join(); // a panic there has been seen as a share that was not done
+            let _ = thread.join(); // a panic there was passed on by `wait`
         }
     }
 }

@@ -73,7 +73,7 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
     fn run<L: Lanes>(self, lanes: L) -> CullStats {
         let Self { tree, lattice, start, memory, mut sink } = self;
         let Memory { stack, planes } = memory;
-        planes.set(lattice);
+        planes.set(lattice, tree.origin());
         let mut stats = CullStats::default();
         let offset = tree.origin() - lattice.eye();
         stack.clear();

@@ -54,7 +54,7 @@ struct Axis {
     /// Of each column, its first and last edge; ascending.
     spans: Vec<[u16; 2]>,
     slots: u16,
-    /// Whether no column lies within another.
+    /// Whether columns end in the order in which they begin.
     is_simple: bool,
     /// Whether each slot is a column.
     is_plain: bool,
@@ -124,10 +124,21 @@ impl Lattice {
             }
         }
         let mut lattices = Vec::new();
-        for (frame, views) in groups {
-            match Self::of_group(frame, &views, room) {
-                Some(lattice) => lattices.push(lattice),
-                None => lattices.extend(views.iter().filter_map(|view| Self::of_group(frame, &[*view], room))),
+        for (frame, mut views) in groups {
+            // Views that show the same, as those of several eyes do where the eyes are in one place, are a lattice each time: eyes
+            // part later, and lattices are not joined again.
+            while !views.is_empty() {
+                let (mut layer, mut rest): (Vec<u16>, Vec<u16>) = (Vec::new(), Vec::new());
+                for view in views {
+                    let edges = |view: &u16| frame.edges(&room[usize::from(*view)]);
+                    let is_taken = layer.iter().any(|other| same_cell(&edges(other), &edges(&view)));
+                    if is_taken { &mut rest } else { &mut layer }.push(view);
+                }
+                match Self::of_group(frame, &layer, room) {
+                    Some(lattice) => lattices.push(lattice),
+                    None => lattices.extend(layer.iter().filter_map(|view| Self::of_group(frame, &[*view], room))),
+                }
+                views = rest;
             }
         }
         lattices
@@ -227,7 +238,7 @@ impl Lattice {
         [&self.placed.planes[0], &self.placed.planes[1]]
     }
 
-    /// Whether columns and rows follow on one another, whatever they overlap: none lies within another.
+    /// Whether columns and rows end in the order in which they begin, however they overlap.
     #[inline(always)]
     pub(super) fn is_simple(&self) -> bool {
         self.columns.is_simple && self.rows.is_simple
@@ -314,6 +325,10 @@ impl Frame {
 
 fn same_edge(a: f64, b: f64) -> bool {
     (a - b).abs() <= SAME_EDGE * (1.0 + a.abs())
+}
+
+fn same_cell(a: &[[f64; 2]; 2], b: &[[f64; 2]; 2]) -> bool {
+    a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| same_edge(*a, *b))
 }
 
 impl Axis {

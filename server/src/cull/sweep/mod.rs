@@ -3,8 +3,8 @@
 //! A box meets a contiguous range of a lattice's columns and one of its rows. The walk carries that rectangle of slots, and
 //! which of its outer sides may still cut the box, down the tree; of a node's eight children it tests
 //! only the planes inside the rectangle and the sides left. What lies in one slot and is cut by nothing goes out whole, as
-//! (leaf range × rectangle of tiles), in ascending order. Leaves that are cut are tested again as oriented boxes, in
-//! `f64`. Walls of several screens or eyes are swept lattice by lattice.
+//! (leaf range × rectangle of tiles), in ascending order. Leaves that are cut are tested again as oriented boxes.
+//! Walls of several screens or eyes are swept lattice by lattice.
 
 mod classify;
 mod helpers;

@@ -169,7 +169,7 @@ impl Slack {
         if is_fresh {
             self.start_round(wide, sets.len());
         }
-        self.planes.set(lattice);
+        self.planes.set(lattice, wide.origin());
         let stats = super::lanes::run_on_best(Update { slack: self, wide, lattice, is_fresh });
         self.finish(lattice, sets);
         if is_fresh {
