@@ -36,7 +36,9 @@ fn leaf(at: u32) -> Obb {
 fn tree() -> CullTree {
     let leaves: Vec<Obb> = (0..20_000).map(leaf).collect();
     let (nodes, _) = hierarchy_over(&leaves);
-    CullTree::editable(Arc::new(ObjectHierarchy::new(nodes).expect("a tree")), Bounds::Obb)
+    let mut tree = CullTree::editable(Arc::new(ObjectHierarchy::new(nodes).expect("a tree")), Bounds::Obb);
+    (0..20_000).step_by(1000).for_each(|leaf| tree.remove_leaf(leaf));
+    tree
 }
 
 /// What a show does in a frame: leaves sway, the tree follows, every view is culled, and sets become deltas.

@@ -83,7 +83,7 @@ fn leaf_bounds(tree: &CullTree) -> Vec<Obb> {
     tree.hierarchy().leaf_nodes().map(|node| node.bound).collect()
 }
 
-fn assert_drops_nothing(tree: &CullTree, wall: &Wall, eyes: &[DVec3], room: &DAffine3, sets: &[VisibleSet]) -> u32 {
+fn assert_drops_nothing(tree: &CullTree, wall: &Wall, eyes: &[DVec3], room: &DAffine3, sets: &[VisibleSet]) {
     let bounds = leaf_bounds(tree);
     for (view, set) in sets.iter().enumerate() {
         let frustum = wall.frustum(ViewId(view as u16), eyes[view], room);
@@ -92,7 +92,6 @@ fn assert_drops_nothing(tree: &CullTree, wall: &Wall, eyes: &[DVec3], room: &DAf
             assert!(is_kept || !is_surely_seen(bound, &frustum), "{} view {view} leaf {leaf}: {bound:?}", wall.name());
         }
     }
-    sets.iter().map(VisibleSet::len).sum()
 }
 
 fn cull(culler: &mut Culler, tree: &CullTree, wall: &Wall, eyes: &[DVec3], room: &DAffine3) -> (Vec<VisibleSet>, CullStats) {

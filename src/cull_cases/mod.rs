@@ -293,7 +293,7 @@ impl Round {
             report.visible += u64::from(set.len());
         }
         report.frames += 1;
-        report.cases += self.boxes.len() as u64 * frusta.len() as u64;
+        report.cases += self.boxes.iter().flatten().count() as u64 * frusta.len() as u64;
         let mut missing = VisibleSet::default();
         for contestant in 0..self.cullers.len() {
             let culler = &mut self.cullers[contestant];

@@ -195,7 +195,7 @@ impl Culler {
         let stats = self.cull_all(tree, world_from_room, sets);
         if let Some(removed) = tree.removed() {
             for set in sets {
-                std::mem::swap(set, &mut self.with_removed);
+                self.with_removed.clone_from(set);
                 self.with_removed.difference_into(removed, set);
             }
         }

@@ -13,6 +13,7 @@ mod textures;
 
 pub use boxes::{Boxes, BoxesShape, MAX_BOXES};
 pub use glb_writer::GenerateReport;
+pub use random::Random;
 
 use glb_writer::Glb;
 use std::fmt;

@@ -6,11 +6,13 @@
 pub struct Random(u64);
 
 impl Random {
+    /// The stream of a seed.
     pub fn new(seed: u64) -> Random {
         Random(seed)
     }
 
-    pub fn next(&mut self) -> u64 {
+    /// Any 64 bits.
+    pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -20,27 +22,30 @@ impl Random {
 
     /// An independent stream, so that a change in one part of a scene leaves the others alone.
     pub fn fork(&mut self) -> Random {
-        Random(self.next())
+        Random(self.bits())
     }
 
     /// 0 up to, not including, 1.
     pub fn unit(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1u32 << 24) as f32
+        (self.bits() >> 40) as f32 / (1u32 << 24) as f32
     }
 
+    /// `low` up to, not including, `high`.
     pub fn range(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * self.unit()
     }
 
     /// 0 up to, not including, `n`; `n` is small, so the bias of the modulus is too.
     pub fn below(&mut self, n: usize) -> usize {
-        (self.next() >> 33) as usize % n
+        (self.bits() >> 33) as usize % n
     }
 
+    /// True in that share of all calls.
     pub fn chance(&mut self, probability: f32) -> bool {
         self.unit() < probability
     }
 
+    /// One of a list, which must not be empty.
     pub fn pick<'a, T>(&mut self, list: &'a [T]) -> &'a T {
         &list[self.below(list.len())]
     }

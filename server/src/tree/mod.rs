@@ -125,16 +125,13 @@ impl CullTree {
 
     /// The tree over a hierarchy, ready to be edited: the first edit costs no more than later ones.
     pub fn editable(hierarchy: Arc<ObjectHierarchy>, bounds: Bounds) -> Self {
-        let mut tree = Self::new(hierarchy);
-        tree.bounds = bounds;
+        let mut nodes = Arc::unwrap_or_clone(hierarchy);
         if bounds == Bounds::Aabb {
-            let nodes = Arc::make_mut(&mut tree.hierarchy);
             for id in (0..nodes.nodes().len() as u32).map(NodeId) {
                 nodes.set_bound(id, nodes.node(id).bound.aabb().into());
             }
-            tree.wide = Arc::new(WideTree::new(&tree.hierarchy));
         }
-        Arc::make_mut(&mut tree.hierarchy);
+        let mut tree = Self { bounds, ..Self::new(Arc::new(nodes)) };
         tree.edits();
         tree
     }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, anyhow, ensure};
 use mullion_common::scene::Package;
 use mullion_server::cull::Algorithm;
-use mullion_server::tree::{CullTree, TreeForm};
+use mullion_server::tree::TreeForm;
 use serde::Serialize;
 
 use super::figures;
@@ -136,14 +136,14 @@ fn measured(
     let wall = grid_wall(grid, options.bezel_px)?;
     let path = source.path(package, &wall, options.frames)?;
     let frames = options.frames.unwrap_or((path.poses().len() as u64).min(DEFAULT_MAX_FRAMES));
-    let rows = measure(&Case { package, wall: &wall, path: &path, frames }, contestants)?;
+    let (tree_bytes, rows) = measure(&Case { package, wall: &wall, path: &path, frames }, contestants)?;
     Ok(Table {
         scene: name.to_owned(),
         grid: grid.to_string(),
         tiles: wall.tiles().len() as u32,
         leaves: package.scene.leaf_count(),
         nodes: package.scene.hierarchy.nodes().len() as u32,
-        tree_bytes: CullTree::new(Arc::clone(&package.scene.hierarchy)).bytes(),
+        tree_bytes,
         path: source.to_string(),
         frames,
         rows: compare(rows),
