@@ -22,13 +22,12 @@ use super::oh::{self, Open};
 pub(super) fn cull(
     hierarchy: &ObjectHierarchy,
     frusta: &FrustumHierarchy,
-    (open, stack, descent): (&mut Vec<Open>, &mut Vec<Pair>, &mut Vec<Open>),
+    (open, memory): (&mut Vec<Open>, &mut Memory),
     sets: &mut [VisibleSet],
 ) -> CullStats {
     let mut stats = CullStats::default();
-    for_each_in_primary(hierarchy, frusta, open, &mut stats, |node, cut, stats| {
-        cull_both(hierarchy, frusta, (node, cut), stack, descent, sets, stats);
-    });
+    let mut traversal = Traversal { hierarchy, frusta, memory, sets };
+    for_each_in_primary(hierarchy, frusta, open, &mut stats, |node, cut, stats| traversal.walk(node, cut, stats));
     // Where views overlap, a view may have been reached on two ways, and its ranges stand out of order.
     sets.iter_mut().for_each(VisibleSet::normalize);
     stats
@@ -70,72 +69,108 @@ pub(super) fn for_each_in_primary(
     }
 }
 
-/// A node of the object hierarchy, one of the frustum hierarchy that it meets, and what is known of the two.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Pair {
-    oh: u32,
+/// Where something has come to in the frustum hierarchy, and what is known of it there.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Place {
+    /// Node of the frustum hierarchy.
     fh: u32,
-    /// Depth of the frustum hierarchy's node.
+    /// Its depth.
     depth: u8,
-    /// Bit d: the node is wholly on this side of the bisection plane of the ancestor at depth d.
+    /// Bit d: wholly on this side of the bisection plane of the ancestor at depth d.
     parted: u32,
 }
 
-/// Takes one node of the object hierarchy, of which `primary_cut` has the planes of the primary frustum that cut it, down
-/// the frustum hierarchy.
-pub(super) fn cull_both(
-    hierarchy: &ObjectHierarchy,
-    frusta: &FrustumHierarchy,
-    (node, primary_cut): (u32, u8),
-    stack: &mut Vec<Pair>,
-    descent: &mut Vec<Open>,
-    sets: &mut [VisibleSet],
-    stats: &mut CullStats,
-) {
-    stack.clear();
-    stack.push(Pair { oh: node, fh: 0, depth: 0, parted: 0 });
-    while let Some(mut pair) = stack.pop() {
-        let current = &hierarchy.nodes()[pair.oh as usize];
-        // Where no plane cuts the node, the frustum hierarchy alone goes on.
-        while let FrustumNode::Split { cell, side, negative, positive } = *frusta.node(pair.fh) {
-            let frustum = &frusta.cells()[usize::from(cell)];
-            stats.nodes_visited += 1;
-            stats.plane_tests += 1;
-            let containment = frustum.plane(side).classify(&current.bound, frustum.eye);
-            if containment == Containment::Cut {
-                if current.subtree_end > pair.oh + 1 {
-                    break;
-                }
-                stack.push(Pair { fh: negative, depth: pair.depth + 1, ..pair });
-                pair.fh = positive;
-            } else {
-                pair.fh = if containment == Containment::Inside { positive } else { negative };
-                pair.parted |= 1 << pair.depth;
+/// What a traversal needs, kept from frame to frame.
+#[derive(Debug, Default)]
+pub(super) struct Memory {
+    /// The ancestors that bisection planes cut: where each one's subtree ends, and where its children start.
+    unfolded: Vec<(u32, Place)>,
+    /// Where a leaf still has to go.
+    halves: Vec<Place>,
+    descent: Vec<Open>,
+}
+
+/// Both hierarchies, and where what is found goes.
+pub(super) struct Traversal<'a> {
+    pub hierarchy: &'a ObjectHierarchy,
+    pub frusta: &'a FrustumHierarchy,
+    pub memory: &'a mut Memory,
+    pub sets: &'a mut [VisibleSet],
+}
+
+impl Traversal<'_> {
+    /// Takes one node of the object hierarchy, of which `primary_cut` has the planes of the primary frustum that cut it, and
+    /// all below it through both hierarchies: depth first, as nodes stand in memory.
+    fn walk(&mut self, node: u32, primary_cut: u8, stats: &mut CullStats) {
+        let nodes = self.hierarchy.nodes();
+        let end = nodes[node as usize].subtree_end;
+        let mut at = node;
+        self.memory.unfolded.clear();
+        while at < end {
+            while self.memory.unfolded.last().is_some_and(|(subtree_end, _)| *subtree_end <= at) {
+                self.memory.unfolded.pop();
             }
-            pair.depth += 1;
+            let place = self.memory.unfolded.last().map_or_else(Place::default, |(_, place)| *place);
+            let subtree_end = nodes[at as usize].subtree_end;
+            match self.meet(at, primary_cut, place, stats) {
+                None => at = subtree_end,
+                Some(place) => {
+                    self.memory.unfolded.push((subtree_end, place));
+                    at += 1;
+                }
+            }
         }
-        if let FrustumNode::Cells { start, end } = *frusta.node(pair.fh) {
-            for (cell, guards) in frusta.cells_of(start, end) {
-                let views = frusta.views_through(cell);
-                match guards.untested(primary_cut, pair.parted) {
-                    0 => emit(sets, views, current.leaves),
-                    mask => {
-                        let frustum = &frusta.cells()[usize::from(cell)];
-                        let emit = &mut |leaves| emit(sets, views, leaves);
-                        oh::descend(hierarchy, pair.oh, frustum, mask, descent, stats, emit);
+    }
+
+    /// Takes a node down the frustum hierarchy from `place`. Returns where its children have to go on, if a plane cuts it.
+    #[inline]
+    pub(super) fn meet(&mut self, node: u32, primary_cut: u8, mut place: Place, stats: &mut CullStats) -> Option<Place> {
+        let current = &self.hierarchy.nodes()[node as usize];
+        let is_leaf = current.subtree_end == node + 1;
+        self.memory.halves.clear();
+        loop {
+            // Where no plane cuts the node, the frustum hierarchy alone goes on.
+            while let FrustumNode::Split { negative, positive, .. } = *self.frusta.node(place.fh) {
+                let (plane, eye) = self.frusta.bisection(place.fh);
+                stats.nodes_visited += 1;
+                stats.plane_tests += 1;
+                let depth = place.depth + 1;
+                match plane.classify(&current.bound, *eye) {
+                    Containment::Cut if !is_leaf => return Some(place),
+                    Containment::Cut => {
+                        self.memory.halves.push(Place { fh: positive, depth, ..place });
+                        place = Place { fh: negative, depth, ..place };
+                    }
+                    // A choice that is guessed, not looked up: what comes next does not wait for this test.
+                    side => {
+                        let fh = if side == Containment::Inside { positive } else { negative };
+                        place = Place { fh, depth, parted: place.parted | (1 << place.depth) };
                     }
                 }
             }
-            continue;
+            self.check(node, primary_cut, place, stats);
+            place = self.memory.halves.pop()?;
         }
-        // Children are visited in order: they are pushed in order, then turned round.
-        let first = stack.len();
-        let mut child = pair.oh + 1;
-        while child < current.subtree_end {
-            stack.push(Pair { oh: child, ..pair });
-            child = hierarchy.nodes()[child as usize].subtree_end;
+    }
+
+    /// The terminal check: emits what the cells of a place may see of a node, tested against the planes that nothing on the
+    /// way has settled.
+    fn check(&mut self, node: u32, primary_cut: u8, place: Place, stats: &mut CullStats) {
+        let Self { hierarchy, frusta, memory, sets } = self;
+        let FrustumNode::Cells { start, end } = *frusta.node(place.fh) else {
+            return;
+        };
+        for (cell, guards) in frusta.cells_of(start, end) {
+            let views = frusta.views_through(cell);
+            match guards.untested(primary_cut, place.parted) {
+                0 => emit(sets, views, hierarchy.nodes()[node as usize].leaves),
+                mask => {
+                    let frustum = &frusta.cells()[usize::from(cell)];
+                    let emit = &mut |leaves| emit(sets, views, leaves);
+                    oh::descend(hierarchy, node, frustum, mask, &mut memory.descent, stats, emit);
+                }
+            }
         }
-        stack[first..].reverse();
     }
 }
 

@@ -3,7 +3,7 @@
 use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::VisibleSet;
 
-use super::adaptive::{Pair, cull_both, for_each_in_primary};
+use super::adaptive::{Memory, Place, Traversal, for_each_in_primary};
 use super::oh::Open;
 use super::{CullStats, FrustumHierarchy};
 
@@ -12,15 +12,16 @@ use super::{CullStats, FrustumHierarchy};
 pub(super) fn cull(
     hierarchy: &ObjectHierarchy,
     frusta: &FrustumHierarchy,
-    (open, stack, descent): (&mut Vec<Open>, &mut Vec<Pair>, &mut Vec<Open>),
+    (open, memory): (&mut Vec<Open>, &mut Memory),
     sets: &mut [VisibleSet],
 ) -> CullStats {
     let mut stats = CullStats::default();
     let nodes = hierarchy.nodes();
+    let mut traversal = Traversal { hierarchy, frusta, memory, sets };
     for_each_in_primary(hierarchy, frusta, open, &mut stats, |node, cut, stats| {
         let end = nodes[node as usize].subtree_end;
         for leaf in (node..end).filter(|at| nodes[*at as usize].subtree_end == at + 1) {
-            cull_both(hierarchy, frusta, (leaf, cut), stack, descent, sets, stats);
+            traversal.meet(leaf, cut, Place::default(), stats);
         }
     });
     // Where views overlap, a view may have been reached on two ways.

@@ -45,6 +45,8 @@ pub struct FrustumHierarchy {
     primary_sides: Vec<(u16, FrustumSide)>,
     /// The same in the world, with the eye of each.
     primary: Vec<(Plane, DVec3)>,
+    /// Of each node, its bisection plane in the world with its eye; any plane for a node without one.
+    bisections: Vec<(Plane, DVec3)>,
     /// Memory of [`FrustumHierarchy::find_guards`].
     above: Vec<Plane>,
     builds: u64,
@@ -124,6 +126,7 @@ impl FrustumHierarchy {
             guards: Vec::new(),
             primary_sides: Vec::new(),
             primary: Vec::new(),
+            bisections: Vec::new(),
             above: Vec::new(),
             builds: 0,
         };
@@ -153,10 +156,16 @@ impl FrustumHierarchy {
             cells.place(world_from_room);
         }
         let cells = self.cells.as_ref().map_or(&self.world[..], Cells::world);
+        let placed = |(cell, side): (u16, FrustumSide)| {
+            let frustum = &cells[usize::from(cell)];
+            (*frustum.plane(side), frustum.eye)
+        };
         self.primary.clear();
-        self.primary.extend(self.primary_sides.iter().map(|(cell, side)| {
-            let frustum = &cells[usize::from(*cell)];
-            (*frustum.plane(*side), frustum.eye)
+        self.primary.extend(self.primary_sides.iter().map(|side| placed(*side)));
+        self.bisections.clear();
+        self.bisections.extend(self.nodes.iter().map(|node| match *node {
+            FrustumNode::Split { cell, side, .. } => placed((cell, side)),
+            FrustumNode::Cells { .. } => (Plane { normal: DVec3::ZERO, offset_m: 0.0 }, DVec3::ZERO),
         }));
     }
 
@@ -197,6 +206,12 @@ impl FrustumHierarchy {
     /// A node; 0 is the root.
     pub fn node(&self, id: u32) -> &FrustumNode {
         &self.nodes[id as usize]
+    }
+
+    /// The bisection plane of a [`FrustumNode::Split`] in the world, with the eye of the frustum whose side it is.
+    #[inline]
+    pub fn bisection(&self, id: u32) -> &(Plane, DVec3) {
+        &self.bisections[id as usize]
     }
 
     /// The cells of a [`FrustumNode::Cells`], and for each of its planes (by [`FrustumSide`]) what tested it before.

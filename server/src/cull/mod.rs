@@ -111,7 +111,7 @@ pub struct Culler {
     frusta: FrustumHierarchy,
     sweeper: sweep::Sweeper,
     room_eyes: Vec<DVec3>,
-    stack: Vec<adaptive::Pair>,
+    traversal: adaptive::Memory,
     descent: Vec<oh::Open>,
     open: Vec<oh::Open>,
     /// A set with leaves that are gone, on its way to one without.
@@ -130,7 +130,7 @@ impl Culler {
             frusta,
             sweeper,
             room_eyes,
-            stack: Vec::new(),
+            traversal: adaptive::Memory::default(),
             descent: Vec::new(),
             open: Vec::new(),
             with_removed: VisibleSet::default(),
@@ -213,12 +213,12 @@ impl Culler {
             Algorithm::Naive => naive::cull(hierarchy, self.frusta.views(), sets),
             Algorithm::OhPlain => oh_plain::cull(hierarchy, self.frusta.views(), sets),
             Algorithm::Fh => {
-                let memory = (&mut self.open, &mut self.stack, &mut self.descent);
+                let memory = (&mut self.open, &mut self.traversal);
                 fh::cull(hierarchy, &self.frusta, memory, sets)
             }
             Algorithm::Oh => oh::cull(hierarchy, self.frusta.views(), &mut self.descent, sets),
             Algorithm::Adaptive => {
-                let memory = (&mut self.open, &mut self.stack, &mut self.descent);
+                let memory = (&mut self.open, &mut self.traversal);
                 adaptive::cull(hierarchy, &self.frusta, memory, sets)
             }
             Algorithm::AdaptiveGrouped => adaptive_grouped::cull(hierarchy, &self.frusta, &mut self.open, &mut self.groups, sets),
