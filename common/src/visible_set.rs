@@ -111,7 +111,7 @@ impl VisibleSet {
 
     /// Adds the ranges of a set that starts at or after the start of this one's last range.
     pub fn append(&mut self, after: &Self) {
-        self.push_all(&after.ranges);
+        self.append_ranges(&after.ranges);
     }
 
     /// Adds a range in any order; the set is valid again after [`VisibleSet::normalize`].
@@ -162,7 +162,7 @@ impl VisibleSet {
         let [mut kept, mut holes, mut more] = [&self.ranges[..], &removed.ranges[..], &added.ranges[..]];
         while let Some(start) = [holes, more].iter().filter_map(|list| list.first()).map(|range| range.start).min() {
             let (before, rest) = kept.split_at(kept.partition_point(|range| range.end < start));
-            out.push_all(before);
+            out.append_ranges(before);
             kept = rest;
             // All that overlaps or touches from here on.
             let mut end = start;
@@ -183,7 +183,7 @@ impl VisibleSet {
             (more_here, more) = more.split_at(counts[2]);
             out.push_either(Difference { ranges, holes: holes_here, start: 0 }, more_here.iter().copied());
         }
-        out.push_all(kept);
+        out.append_ranges(kept);
     }
 
     /// Adds the ranges of both, each given in ascending order.
@@ -202,8 +202,10 @@ impl VisibleSet {
         }
     }
 
-    /// Adds ranges of a set that start at or after the start of this one's last range.
-    fn push_all(&mut self, ranges: &[LeafRange]) {
+    /// Adds ranges that stand as they do in a set, but for the first, which may be empty. They start at or after the
+    /// start of this set's last one.
+    #[inline]
+    pub fn append_ranges(&mut self, ranges: &[LeafRange]) {
         if let [first, rest @ ..] = ranges {
             self.push(*first);
             self.ranges.extend_from_slice(rest);

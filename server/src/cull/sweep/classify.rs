@@ -12,6 +12,8 @@ use crate::tree::{LANES, LeafAxes, WideNode};
 /// two bits above left and right.
 pub(super) const LEFT: u8 = 1;
 pub(super) const RIGHT: u8 = 2;
+pub(super) const BOTTOM: u8 = LEFT << 2;
+pub(super) const TOP: u8 = RIGHT << 2;
 pub(super) const NEAR: u8 = 16;
 /// All of them.
 pub(super) const ALL_SIDES: u8 = 31;

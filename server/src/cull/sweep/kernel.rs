@@ -5,7 +5,7 @@ use mullion_common::visible_set::{LeafRange, VisibleSet};
 use super::classify::{ALL_SIDES, Boxes, LanePlanes, Looked, State};
 use super::lanes::{Kernel, Lanes};
 use super::lattice::Lattice;
-use super::narrow;
+use super::{narrow, one_plane};
 use crate::cull::CullStats;
 use crate::tree::WideTree;
 
@@ -42,6 +42,7 @@ impl Visit {
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     stack: Vec<Visit>,
+    one_plane: one_plane::Memory,
     planes: LanePlanes,
 }
 
@@ -56,7 +57,7 @@ pub(super) struct Sweep<'a, S> {
 
 /// Where a sweep's findings go.
 pub(super) trait Sink {
-    /// Whether [`Sink::emit_to_cell`] may be called.
+    /// Whether [`Sink::emit_to_cell`] and [`Sink::append_to_cell`] may be called.
     const TAKES_CELLS: bool;
     /// Whether the sink takes a node as it is, unvisited.
     fn takes(&mut self, visit: &Visit) -> bool;
@@ -64,6 +65,8 @@ pub(super) trait Sink {
     fn emit(&mut self, leaves: LeafRange, cells: [u16; 4]);
     /// Leaves that one cell may see, in the same order.
     fn emit_to_cell(&mut self, leaves: LeafRange, column: u16, row: u16);
+    /// The same for several ranges, as [`VisibleSet::append_ranges`] takes them.
+    fn append_to_cell(&mut self, ranges: &[LeafRange], column: u16, row: u16);
 }
 
 impl<S: Sink> Kernel for Sweep<'_, S> {
@@ -72,7 +75,7 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> CullStats {
         let Self { tree, lattice, start, memory, mut sink } = self;
-        let Memory { stack, planes } = memory;
+        let Memory { stack, one_plane: walk, planes } = memory;
         planes.set(lattice, tree.origin());
         let mut stats = CullStats::default();
         let offset = tree.origin() - lattice.eye();
@@ -84,6 +87,12 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
                 continue;
             }
             if sink.takes(&visit) {
+                continue;
+            }
+            if S::TAKES_CELLS
+                && let Some(plane) = one_plane::plane_of(&visit, lattice, planes)
+            {
+                one_plane::walk(lanes, &visit, plane, tree, offset, planes, walk, &mut sink, &mut stats);
                 continue;
             }
             let node = &tree.nodes()[visit.node as usize];
@@ -148,6 +157,11 @@ impl Sink for ToSets<'_> {
     fn emit_to_cell(&mut self, leaves: LeafRange, column: u16, row: u16) {
         self.sets[usize::from(self.lattice.view(column, row))].push(leaves);
     }
+
+    #[inline(always)]
+    fn append_to_cell(&mut self, ranges: &[LeafRange], column: u16, row: u16) {
+        self.sets[usize::from(self.lattice.view(column, row))].append_ranges(ranges);
+    }
 }
 
 /// Keeps the nodes of at most `grain` leaves for later, and in order with them what is found above.
@@ -177,5 +191,10 @@ impl Sink for ToVisits<'_> {
     #[inline(always)]
     fn emit_to_cell(&mut self, leaves: LeafRange, column: u16, row: u16) {
         self.emit(leaves, [column, column + 1, row, row + 1]);
+    }
+
+    #[inline(always)]
+    fn append_to_cell(&mut self, ranges: &[LeafRange], column: u16, row: u16) {
+        ranges.iter().for_each(|leaves| self.emit_to_cell(*leaves, column, row));
     }
 }

@@ -12,6 +12,7 @@ mod kernel;
 mod lanes;
 mod lattice;
 mod narrow;
+mod one_plane;
 mod slack;
 
 use glam::DAffine3;

@@ -1,4 +1,4 @@
-//! Visits of at most two slots across and up: almost all that a sweep makes.
+//! Visits of at most two slots across and up that several planes may cut.
 //!
 //! What a test says of eight boxes is as good as random, and a processor that guesses it wrong loses as much time as the test
 //! took. So little here branches on a single lane: which lanes a cell sees is a mask, put together from what the
@@ -6,7 +6,7 @@
 
 use mullion_common::visible_set::LeafRange;
 
-use super::classify::{Boxes, LEFT, LanePlane, LanePlanes, NEAR, RIGHT};
+use super::classify::{BOTTOM, Boxes, LEFT, LanePlane, LanePlanes, NEAR, RIGHT, TOP};
 use super::kernel::{Sink, Visit};
 use super::lanes::Lanes;
 use super::lattice::Lattice;
@@ -141,8 +141,8 @@ pub(super) fn visit<L: Lanes>(
             let mask = bit(near_cuts, NEAR)
                 | bit(x.first_cuts, LEFT)
                 | bit(x.last_cuts, RIGHT)
-                | bit(y.first_cuts, LEFT << 2)
-                | bit(y.last_cuts, RIGHT << 2);
+                | bit(y.first_cuts, BOTTOM)
+                | bit(y.last_cuts, TOP);
             let child = node.child[lane as usize % LANES];
             lanes.prefetch(&tree.nodes()[child as usize]);
             lanes.prefetch(&tree.axes()[child as usize]);
