@@ -21,7 +21,7 @@ use mullion_common::visible_set::{LeafRange, VisibleSet};
 pub use build::hierarchy_over;
 pub use dynamic::DynamicScene;
 pub use file::FileTree;
-use paths::Paths;
+use paths::{ALL_LANES, Paths};
 use rebuild::Rebuild;
 pub use wide::WideTree;
 pub use wide_node::{LANES, LeafAxes, WideNode};
@@ -64,9 +64,10 @@ impl Edits {
     }
 
     /// Marks what has to be refitted since a leaf has changed.
-    fn mark(&mut self, leaf: u32) {
-        self.hierarchy_paths.mark(leaf);
-        self.wide_paths.mark(leaf);
+    fn mark(&mut self, leaf: u32, wide: &WideTree) {
+        self.hierarchy_paths.mark(self.hierarchy_paths.start_of(leaf), 0);
+        let node = self.wide_paths.start_of(leaf);
+        self.wide_paths.mark(node, wide.nodes()[node as usize].lane_from(leaf));
         if let Some(rebuild) = &mut self.rebuild {
             rebuild.note(leaf);
         }
@@ -176,9 +177,15 @@ impl CullTree {
         self.edits.get_or_insert_with(|| Box::new(Edits::of(&self.hierarchy, &self.wide)))
     }
 
+    /// Marks what has to be refitted since a leaf has changed.
+    fn mark(&mut self, leaf: u32) {
+        let edits = self.edits.get_or_insert_with(|| Box::new(Edits::of(&self.hierarchy, &self.wide)));
+        edits.mark(leaf, &self.wide);
+    }
+
     /// Gives a leaf the bound that encloses it from now on; it must be finite. Takes effect with [`CullTree::refit`].
     pub fn move_leaf(&mut self, leaf: u32, bound: &Obb) {
-        self.edits().mark(leaf);
+        self.mark(leaf);
         let bound = if self.bounds == Bounds::Obb { *bound } else { bound.aabb().into() };
         self.set_bound(leaf, bound);
     }
@@ -194,7 +201,7 @@ impl CullTree {
         let edits = self.edits();
         edits.removed.push_unordered(LeafRange::new(leaf, leaf + 1));
         edits.removed.normalize();
-        edits.mark(leaf);
+        self.mark(leaf);
         // A point within what enclosed it: nothing gets larger for its sake.
         let middle = self.leaf_bound(leaf).center;
         self.set_bound(leaf, Obb::of_point(middle));
@@ -223,11 +230,14 @@ impl CullTree {
             edits.wide_paths = Paths::of_wide(&self.wide);
         }
         let leaves = LeafRange::new(first, hierarchy.leaf_count());
-        (leaves.start..leaves.end).for_each(|leaf| edits.mark(leaf));
+        // Below, all is up to date.
+        (leaves.start..leaves.end).for_each(|leaf| edits.mark(leaf, &self.wide));
+        edits.wide_paths.mark(self.wide.root(), ALL_LANES);
         leaves
     }
 
-    /// Brings a form of the tree up to date with all edits so far: boxes on the ways from edited leaves to the root, bottom-up.
+    /// Brings a form of the tree up to date with all edits so far: boxes on the ways from edited leaves to the root, bottom-up, of
+    /// the wide tree only as far as they change.
     pub fn refit(&mut self, form: TreeForm) {
         let Some(edits) = &mut self.edits else {
             return;
@@ -237,8 +247,9 @@ impl CullTree {
             TreeForm::Hierarchy => {
                 let hierarchy = Arc::make_mut(&mut self.hierarchy);
                 let mut end = edits.hierarchy_paths.end();
-                while let Some(at) = edits.hierarchy_paths.take_last(&mut end) {
+                while let Some((at, _)) = edits.hierarchy_paths.take_last(&mut end) {
                     is_changed = true;
+                    edits.hierarchy_paths.above(at).into_iter().for_each(|above| edits.hierarchy_paths.mark(above, 0));
                     if !hierarchy.is_leaf(NodeId(at)) {
                         let bound = match self.bounds {
                             Bounds::Obb => build::fitted(hierarchy.nodes(), at as usize),
@@ -254,9 +265,12 @@ impl CullTree {
             TreeForm::Wide => {
                 let wide = Arc::make_mut(&mut self.wide);
                 let mut end = edits.wide_paths.end();
-                while let Some(at) = edits.wide_paths.take_last(&mut end) {
+                while let Some((at, lanes)) = edits.wide_paths.take_last(&mut end) {
                     is_changed = true;
-                    wide.refit(at, &self.hierarchy);
+                    let is_larger_or_smaller = wide.refit(at, lanes, &self.hierarchy);
+                    if let Some(above) = edits.wide_paths.above(at).filter(|_| is_larger_or_smaller) {
+                        edits.wide_paths.mark(above, wide.nodes()[above as usize].lane_to(at));
+                    }
                 }
                 if is_changed {
                     wide.refit_roots(&self.hierarchy);

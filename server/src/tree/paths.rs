@@ -1,4 +1,4 @@
-//! Which nodes have to be refitted, and the ways up from leaves.
+//! Which nodes have to be refitted: those of leaves that have changed, and on the ways up from them as far as boxes change.
 
 use mullion_common::scene::ObjectHierarchy;
 
@@ -8,7 +8,7 @@ use super::wide_node::WideNode;
 /// No node above.
 const NONE: u32 = u32::MAX;
 
-/// The ways up one tree, and what lies on ways from leaves that have changed.
+/// The ways up one tree, and what of it has changed.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Paths {
     /// Of each node, the one above it.
@@ -17,7 +17,12 @@ pub(super) struct Paths {
     start: Vec<u32>,
     /// A bit for each node.
     dirty: Vec<u64>,
+    /// Of each marked node of the wide tree, the lanes that have changed, a bit each.
+    lanes: Vec<u8>,
 }
+
+/// All lanes of a node.
+pub(super) const ALL_LANES: u8 = !0;
 
 impl Paths {
     /// The ways up the hierarchy; a leaf's starts at its own node.
@@ -71,6 +76,7 @@ impl Paths {
     fn resize(&mut self, nodes: usize) {
         self.above.resize(nodes, NONE);
         self.dirty.resize(nodes.div_ceil(64), 0);
+        self.lanes.resize(nodes, 0);
     }
 
     /// The node at which a leaf's way starts.
@@ -78,27 +84,27 @@ impl Paths {
         self.start[leaf as usize]
     }
 
-    /// Marks all nodes on a leaf's way up.
-    pub(super) fn mark(&mut self, leaf: u32) {
-        let mut at = self.start[leaf as usize];
-        while at != NONE {
-            let (word, bit) = (&mut self.dirty[at as usize / 64], 1 << (at % 64));
-            if *word & bit != 0 {
-                return; // and so is all above
-            }
-            *word |= bit;
-            at = self.above[at as usize];
-        }
+    /// Marks a node, in which these lanes have changed.
+    pub(super) fn mark(&mut self, node: u32, lanes: u8) {
+        self.dirty[node as usize / 64] |= 1 << (node % 64);
+        self.lanes[node as usize] |= lanes;
     }
 
-    /// Takes the mark off the last marked node, and names it; none is marked past the first `from` words, which is kept up to date.
-    pub(super) fn take_last(&mut self, from: &mut usize) -> Option<u32> {
+    /// The node above one, where that comes before it in the tree.
+    pub(super) fn above(&self, node: u32) -> Option<u32> {
+        Some(self.above[node as usize]).filter(|above| *above < node)
+    }
+
+    /// Takes the mark off the last marked node, and names it and its lanes; none is marked past the first `from` words, which is kept
+    /// up to date.
+    pub(super) fn take_last(&mut self, from: &mut usize) -> Option<(u32, u8)> {
         while *from > 0 {
             let word = &mut self.dirty[*from - 1];
             if *word != 0 {
                 let bit = word.ilog2();
                 *word ^= 1 << bit;
-                return Some((*from as u32 - 1) * 64 + bit);
+                let node = (*from as u32 - 1) * 64 + bit;
+                return Some((node, std::mem::take(&mut self.lanes[node as usize])));
             }
             *from -= 1;
         }

@@ -8,7 +8,8 @@ use glam::DVec3;
 use mullion_common::geometry::{Aabb, Obb};
 use mullion_common::scene::{NodeId, ObjectHierarchy};
 
-use super::wide_node::{LANES, LeafAxes, WideNode};
+use super::paths::ALL_LANES;
+use super::wide_node::{LANES, LeafAxes, Room, WideNode};
 
 /// A hierarchy as wide nodes.
 #[derive(Clone, Debug, Default)]
@@ -88,7 +89,8 @@ impl WideTree {
             self.mark_oriented(node.leaves.start, &node.bound);
         }
         for id in (first..self.nodes.len()).rev() {
-            self.refit(id as u32, hierarchy);
+            self.refit_all(id as u32, Room::None, hierarchy);
+            self.cost_m2 += half_area(&self.nodes[id].bound());
         }
     }
 
@@ -130,39 +132,75 @@ impl WideTree {
         self.oriented[word] = (self.oriented[word] & !(1 << bit)) | (u64::from(is_worth_it) << bit);
     }
 
-    /// Gives a node the boxes of its leaves as they are now and of its children as they were last refitted.
-    pub(super) fn refit(&mut self, id: u32, hierarchy: &ObjectHierarchy) {
-        let mut boxes = [Aabb::EMPTY; LANES];
-        let node = &self.nodes[id as usize];
-        let mut child = node.child;
-        for lane in 0..node.lane_count() {
-            if node.leaf_lanes & (1 << lane) == 0 {
-                boxes[lane] = self.nodes[child[lane] as usize].bound();
-                continue;
+    /// Gives these lanes of a node the boxes of their leaves as they are now and of their children as they were last refitted. Whether
+    /// the box around all lanes is another one than before.
+    pub(super) fn refit(&mut self, id: u32, lanes: u8, hierarchy: &ObjectHierarchy) -> bool {
+        let before = self.nodes[id as usize].bound();
+        // Other lanes stay as they are while the node's steps still measure all of them well.
+        if !self.refit_in_steps(id, lanes, hierarchy) {
+            self.refit_all(id, Room::Around, hierarchy);
+        }
+        let after = self.nodes[id as usize].bound();
+        self.cost_m2 += half_area(&after) - half_area(&before);
+        after != before
+    }
+
+    /// Whether the lanes could be given their boxes in the steps that the node has.
+    fn refit_in_steps(&mut self, id: u32, lanes: u8, hierarchy: &ObjectHierarchy) -> bool {
+        let mut left = lanes & self.nodes[id as usize].used_lanes();
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let b = self.lane_box(id, lane, hierarchy);
+            if !self.nodes[id as usize].set_box(lane, &b) {
+                return false;
             }
-            let at = child[lane] & WideNode::NODE;
-            let bound = &hierarchy.node(NodeId(at)).bound;
-            let around = bound.aabb();
-            let leaf = node.first_leaf[lane] as usize;
-            let is_oriented = (self.oriented[leaf / 64] >> (leaf % 64)) & 1 != 0;
-            child[lane] = WideNode::LEAF | at | if is_oriented { WideNode::ORIENTED } else { 0 };
-            boxes[lane] = Aabb { min: around.min - self.origin, max: around.max - self.origin };
+            self.refit_axes(id, lane, hierarchy);
         }
+        self.nodes[id as usize].is_measured_well()
+    }
+
+    /// Gives a node new steps and the boxes of all lanes.
+    fn refit_all(&mut self, id: u32, room: Room, hierarchy: &ObjectHierarchy) {
+        let mut boxes = [Aabb::EMPTY; LANES];
+        let count = self.nodes[id as usize].lane_count();
+        for (lane, b) in boxes.iter_mut().enumerate().take(count) {
+            *b = self.lane_box(id, lane, hierarchy);
+        }
+        self.nodes[id as usize].set_boxes(&boxes, room);
+        for lane in 0..count {
+            self.refit_axes(id, lane, hierarchy);
+        }
+    }
+
+    /// The box of a lane, relative to the tree's origin.
+    fn lane_box(&self, id: u32, lane: usize, hierarchy: &ObjectHierarchy) -> Aabb {
+        let node = &self.nodes[id as usize];
+        if node.leaf_lanes & (1 << lane) == 0 {
+            return self.nodes[node.child[lane] as usize].bound();
+        }
+        let around = hierarchy.node(NodeId(node.child[lane] & WideNode::NODE)).bound.aabb();
+        Aabb { min: around.min - self.origin, max: around.max - self.origin }
+    }
+
+    /// Takes a leaf's oriented box, if that is worth a test; the lane has its box.
+    fn refit_axes(&mut self, id: u32, lane: usize, hierarchy: &ObjectHierarchy) {
         let node = &mut self.nodes[id as usize];
-        let before = node.bound();
-        node.child = child;
-        node.set_boxes(&boxes);
-        for lane in (0..LANES).filter(|lane| node.child[*lane] & WideNode::ORIENTED != 0) {
-            let bound = &hierarchy.node(NodeId(node.child[lane] & WideNode::NODE)).bound;
-            self.axes[id as usize].set(lane, &bound.half_axes, node);
+        if node.leaf_lanes & (1 << lane) == 0 {
+            return;
         }
-        self.cost_m2 += half_area(&node.bound()) - half_area(&before);
+        let (leaf, at) = (node.first_leaf[lane] as usize, node.child[lane] & WideNode::NODE);
+        let is_oriented = (self.oriented[leaf / 64] >> (leaf % 64)) & 1 != 0;
+        node.child[lane] = WideNode::LEAF | at | if is_oriented { WideNode::ORIENTED } else { 0 };
+        if is_oriented {
+            self.axes[id as usize].set(lane, &hierarchy.node(NodeId(at)).bound.half_axes, node);
+        }
     }
 
     /// Refits the nodes that do not come after their parents, when all others are up to date.
     pub(super) fn refit_roots(&mut self, hierarchy: &ObjectHierarchy) {
         for at in 1..self.roots.len() {
-            self.refit(self.roots[at], hierarchy);
+            self.refit(self.roots[at], ALL_LANES, hierarchy);
         }
     }
 

@@ -11,7 +11,7 @@ pub const LANES: usize = 8;
 #[derive(Clone, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub struct WideNode {
-    /// Least x of all lanes, then y, then z, in steps from `origin`; above `max` in an empty lane.
+    /// Least x of all lanes, then y, then z, in steps from `origin`; 255, and above `max`, in an empty lane.
     pub min: [[u8; LANES]; 3],
     /// Greatest coordinates, in the same steps.
     pub max: [[u8; LANES]; 3],
@@ -39,6 +39,15 @@ pub struct LeafAxes {
 }
 const _: () = assert!(size_of::<LeafAxes>() == 72);
 
+/// Where a node's steps begin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Room {
+    /// At the least coordinate: nothing moves.
+    None,
+    /// So far before it that as many are left after the greatest one: what moves a little can be measured in the same steps.
+    Around,
+}
+
 impl LeafAxes {
     /// Parts of half an edge.
     pub const PARTS: f32 = 127.0;
@@ -64,8 +73,8 @@ impl Default for WideNode {
     /// A node with nothing in it.
     fn default() -> Self {
         Self {
-            min: [[1; LANES]; 3],
-            max: [[0; LANES]; 3],
+            min: [[EMPTY.0; LANES]; 3],
+            max: [[EMPTY.1; LANES]; 3],
             origin: [0.0; 3],
             exponent: [0; 3],
             leaf_lanes: 0,
@@ -91,29 +100,61 @@ impl WideNode {
 
     /// Takes the lanes' boxes, relative to the tree's origin, metres; empty ones for lanes with nothing in them. Boxes are
     /// rounded outwards.
-    pub(super) fn set_boxes(&mut self, boxes: &[Aabb; LANES]) {
+    pub(super) fn set_boxes(&mut self, boxes: &[Aabb; LANES], room: Room) {
         let all = boxes.iter().fold(Aabb::EMPTY, |all, b| all.union(b));
         if all.is_empty() {
-            (self.min, self.max) = ([[1; LANES]; 3], [[0; LANES]; 3]);
+            (self.min, self.max) = ([[EMPTY.0; LANES]; 3], [[EMPTY.1; LANES]; 3]);
             return;
         }
         for axis in 0..3 {
-            let origin = floor_f32(all.min[axis]);
+            let mut origin = floor_f32(all.min[axis]);
+            let exponent = exponent_for((all.max[axis] - f64::from(origin)) / Self::STEPS);
+            if room == Room::Around {
+                let steps = (all.max[axis] - f64::from(origin)) * power_of_two_f64(-exponent);
+                let shifted = floor_f32(f64::from(origin) - ((Self::STEPS - steps) * 0.5).floor() * power_of_two_f64(exponent));
+                let reaches = (all.max[axis] - f64::from(shifted)) * power_of_two_f64(-exponent) <= Self::STEPS;
+                origin = if reaches { shifted } else { origin };
+            }
             let from = f64::from(origin);
-            let exponent = exponent_for((all.max[axis] - from) / Self::STEPS);
-            // Exact: steps are powers of two.
-            let per_step = power_of_two_f64(-exponent);
             self.origin[axis] = origin;
             self.exponent[axis] = exponent as i8;
             for (lane, b) in boxes.iter().enumerate() {
-                let (low, high) = ((b.min[axis] - from) * per_step, (b.max[axis] - from) * per_step);
-                // Neither is negative, nor above 255, where the box is not empty: a cast rounds down.
-                let (low, floor) = (low as i32, high as i32);
-                let ceil = floor.saturating_add(i32::from(f64::from(floor) < high));
-                let is_empty = b.min[axis] > b.max[axis];
-                (self.min[axis][lane], self.max[axis][lane]) = if is_empty { (1, 0) } else { (clamped(low), clamped(ceil)) };
+                (self.min[axis][lane], self.max[axis][lane]) = match in_steps(b, axis, from, exponent) {
+                    // Neither is negative, nor above 255, but where boxes have no measure.
+                    Some((low, high)) => (clamped(low), clamped(high)),
+                    None => EMPTY,
+                };
             }
         }
+    }
+
+    /// Gives one lane a box, relative to the tree's origin, metres. Whether the node's steps reach that far; where not, the node is
+    /// to be given all boxes.
+    pub(super) fn set_box(&mut self, lane: usize, b: &Aabb) -> bool {
+        let mut fits = true;
+        for axis in 0..3 {
+            let (low, high) = match in_steps(b, axis, f64::from(self.origin[axis]), self.exponent[axis].into()) {
+                Some(steps) => steps,
+                None => (i32::from(EMPTY.0), i32::from(EMPTY.1)),
+            };
+            fits &= low >= 0 && high <= u8::MAX.into();
+            (self.min[axis][lane], self.max[axis][lane]) = (clamped(low), clamped(high));
+        }
+        fits
+    }
+
+    /// Whether the lanes take up so many steps along each axis that half as long ones would not do.
+    pub(super) fn is_measured_well(&self) -> bool {
+        (0..3).all(|axis| {
+            let (least, greatest) = self.extent(axis);
+            least > greatest || greatest - least > u8::MAX / 2 || i32::from(self.exponent[axis]) <= Self::MIN_EXPONENT
+        })
+    }
+
+    /// The least and the greatest coordinate of all lanes, in steps.
+    fn extent(&self, axis: usize) -> (u8, u8) {
+        let least = self.min[axis].iter().fold(u8::MAX, |least, steps| least.min(*steps));
+        (least, self.max[axis].iter().fold(0, |greatest, steps| greatest.max(*steps)))
     }
 
     /// The leaves of a lane; `end` is one past the node's last leaf.
@@ -128,19 +169,34 @@ impl WideNode {
         self.first_leaf.iter().take_while(|first| **first != u32::MAX).count()
     }
 
-    /// A box around all lanes relative to the tree's origin, metres; empty where they all are. It begins at the node's origin,
-    /// which is the least coordinate but for what an `f32` rounds.
+    /// The lanes that are used, a bit each.
+    pub(super) fn used_lanes(&self) -> u8 {
+        (0..LANES).fold(0, |bits, lane| bits | (u8::from(self.first_leaf[lane] != u32::MAX) << lane))
+    }
+
+    /// The lane that begins with a leaf, as a bit.
+    pub(super) fn lane_from(&self, leaf: u32) -> u8 {
+        (0..LANES).fold(0, |bits, lane| bits | (u8::from(self.first_leaf[lane] == leaf) << lane))
+    }
+
+    /// The lane with a wide node below it, as a bit.
+    pub(super) fn lane_to(&self, child: u32) -> u8 {
+        (0..LANES).fold(0, |bits, lane| bits | (u8::from(self.child[lane] == child) << lane)) & !self.leaf_lanes
+    }
+
+    /// The box around all lanes relative to the tree's origin, metres; empty where they all are.
     pub fn bound(&self) -> Aabb {
-        let is_empty = u64::from_le_bytes(self.min[0]) == EMPTY_MIN && u64::from_le_bytes(self.max[0]) == 0;
-        if is_empty {
-            return Aabb::EMPTY;
+        let mut bound = Aabb::EMPTY;
+        for axis in 0..3 {
+            let (least, greatest) = self.extent(axis);
+            if least > greatest {
+                return Aabb::EMPTY;
+            }
+            let (origin, step_m) = (f64::from(self.origin[axis]), power_of_two_f64(self.exponent[axis].into()));
+            bound.min[axis] = origin + f64::from(least) * step_m;
+            bound.max[axis] = origin + f64::from(greatest) * step_m;
         }
-        let min = DVec3::from(self.origin.map(f64::from));
-        let size = |axis: usize| {
-            let greatest = self.max[axis].iter().fold(0, |greatest, steps| greatest.max(*steps));
-            f64::from(greatest) * power_of_two_f64(self.exponent[axis].into())
-        };
-        Aabb { min, max: min + DVec3::new(size(0), size(1), size(2)) }
+        bound
     }
 
     /// Length of a step along each axis, metres.
@@ -150,8 +206,21 @@ impl WideNode {
     }
 }
 
-/// The least coordinates of eight empty lanes.
-const EMPTY_MIN: u64 = 0x0101_0101_0101_0101;
+/// The least and the greatest coordinate of an empty lane.
+const EMPTY: (u8, u8) = (u8::MAX, 0);
+
+/// A box's coordinates along an axis in steps of two to the power of `exponent`, rounded outwards; none of an empty one.
+#[inline]
+fn in_steps(b: &Aabb, axis: usize, from: f64, exponent: i32) -> Option<(i32, i32)> {
+    // Exact: steps are powers of two.
+    let per_step = power_of_two_f64(-exponent);
+    let (low, high) = ((b.min[axis] - from) * per_step, (b.max[axis] - from) * per_step);
+    // A cast rounds towards zero.
+    let (low_floor, high_floor) = (low as i32, high as i32);
+    let low_steps = low_floor.saturating_sub(i32::from(f64::from(low_floor) > low));
+    let high_steps = high_floor.saturating_add(i32::from(f64::from(high_floor) < high));
+    (b.min[axis] <= b.max[axis]).then_some((low_steps, high_steps))
+}
 
 /// As a byte: steps past the last one are where lanes are infinite.
 fn clamped(steps: i32) -> u8 {
@@ -190,7 +259,7 @@ mod tests {
             boxes[0] = Aabb { min: DVec3::splat(-far), max: DVec3::splat(far) };
             boxes[1] = Aabb { min: DVec3::ZERO, max: DVec3::ONE };
             let mut node = WideNode::default();
-            node.set_boxes(&boxes);
+            node.set_boxes(&boxes, Room::None);
             for lane in 0..2 {
                 assert!((0..3).all(|axis| node.min[axis][lane] <= node.max[axis][lane]), "{far} lane {lane}: {node:?}");
             }
@@ -209,7 +278,7 @@ mod tests {
                 *b = Aabb { min, max: min + DVec3::new(*size, size * 1e-6, 0.0) };
             }
             let mut node = WideNode::default();
-            node.set_boxes(&boxes);
+            node.set_boxes(&boxes, Room::None);
             for axis in 0..3 {
                 let step = f64::from(node.step_m()[axis]);
                 let at = |steps: u8| f64::from(node.origin[axis]) + f64::from(steps) * step;
