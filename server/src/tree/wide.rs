@@ -2,7 +2,7 @@
 //!
 //! Boxes are axis-aligned and quantized to steps of their node, 128 to 255 of them across, rounded outwards. A wide node takes in several levels of
 //! the hierarchy, and a hierarchy's node with more than eight children becomes several wide ones; leaf numbers are
-//! the same, and so is their order.
+//! the same, and so is their order. Nodes stand depth first: siblings side by side cost a sweep of a million leaves a fifth more.
 
 use glam::DVec3;
 use mullion_common::geometry::{Aabb, Obb};

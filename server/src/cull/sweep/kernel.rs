@@ -92,7 +92,7 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
             if S::TAKES_CELLS
                 && let Some(plane) = one_plane::plane_of(&visit, lattice, planes)
             {
-                one_plane::walk(lanes, &visit, plane, tree, offset, planes, walk, &mut sink, &mut stats);
+                one_plane::walk(lanes, &visit, &plane, tree, offset, planes, walk, &mut sink, &mut stats);
                 continue;
             }
             let node = &tree.nodes()[visit.node as usize];

@@ -38,14 +38,16 @@ impl Default for Memory {
     }
 }
 
-/// The one plane that may cut a visit's node, and the cells on its negative and positive sides: `None` outside and in gaps.
-/// Nothing where there are more planes or cells.
+/// The one plane that may cut a node.
+pub(super) struct OnePlane<'a> {
+    plane: &'a LanePlane,
+    /// The cells, column and row, on its negative side and on its positive one: `None` outside and in gaps.
+    cells: [Option<(u16, u16)>; 2],
+}
+
+/// The plane of a visit that no more than one may cut, with a cell at most on either side.
 #[inline(always)]
-pub(super) fn plane_of<'a>(
-    visit: &Visit,
-    lattice: &Lattice,
-    planes: &'a LanePlanes,
-) -> Option<(&'a LanePlane, [Option<(u16, u16)>; 2])> {
+pub(super) fn plane_of<'a>(visit: &Visit, lattice: &Lattice, planes: &'a LanePlanes) -> Option<OnePlane<'a>> {
     let [left, right, bottom, top] = visit.slots;
     let (columns, rows) = (planes.of_axis(0), planes.of_axis(1));
     let [first, last] = [left, right].map(usize::from);
@@ -73,7 +75,7 @@ pub(super) fn plane_of<'a>(
             _ => return None, // where tiles overlap
         }
     }
-    Some((plane, cells))
+    Some(OnePlane { plane, cells })
 }
 
 /// Sweeps a visit that [`plane_of`] takes, and all below it.
@@ -82,7 +84,7 @@ pub(super) fn plane_of<'a>(
 pub(super) fn walk<L: Lanes>(
     lanes: L,
     visit: &Visit,
-    (plane, cells): (&LanePlane, [Option<(u16, u16)>; 2]),
+    one: &OnePlane<'_>,
     tree: &WideTree,
     offset: DVec3,
     planes: &LanePlanes,
@@ -90,8 +92,8 @@ pub(super) fn walk<L: Lanes>(
     sink: &mut impl Sink,
     stats: &mut CullStats,
 ) {
-    let plane = *plane;
-    let [negative_cell, positive_cell] = cells;
+    let plane = *one.plane;
+    let [negative_cell, positive_cell] = one.cells;
     let Memory { stack, trails: [negative_ranges, positive_ranges] } = memory;
     let mut negative = Trail::new(visit.leaves.start, negative_ranges);
     let mut positive = Trail::new(visit.leaves.start, positive_ranges);
