@@ -5,6 +5,7 @@ mod commands;
 mod composite;
 mod cull_cases;
 mod files;
+mod load;
 mod pixels;
 mod plot;
 mod progress;
@@ -42,6 +43,11 @@ enum Command {
     Cull(commands::cull::Options),
     /// Write a camera path for a scene.
     Path(commands::path::Options),
+    /// Run a whole wall on this machine, and tell whether it keeps its time.
+    Loadtest(commands::loadtest::Options),
+    /// Be nodes of a wall that draw nothing.
+    #[command(hide = true)]
+    LoadNodes(commands::load_nodes::Options),
     /// Measure on this machine: the papers' tables and figures.
     Bench(commands::bench::Options),
     /// Prove on this machine that culling drops nothing and changes no picture.
@@ -78,6 +84,8 @@ fn main() -> ExitCode {
         Command::Info(options) => commands::info::run(&options),
         Command::Cull(options) => commands::cull::run(&options),
         Command::Path(options) => commands::path::run(&options),
+        Command::Loadtest(options) => commands::loadtest::run(&options),
+        Command::LoadNodes(options) => commands::load_nodes::run(&options),
         Command::Bench(options) => commands::bench::run(&options),
         Command::Verify(options) => commands::verify::run(&options),
     };

@@ -32,6 +32,22 @@ pub fn camera(path: CameraPath, wall: &Wall) -> Camera {
     })
 }
 
+/// Culls a scene whose objects stand where poses say.
+pub fn culler(
+    algorithm: Algorithm,
+    wall: &Arc<Wall>,
+    package: &Arc<Package>,
+) -> impl FnMut(&Pose, &mut [VisibleSet]) + Send + use<> {
+    let wall = Arc::clone(wall);
+    let mut scene = DynamicScene::new(Arc::clone(package), Bounds::default());
+    let mut culler = Culler::new(algorithm, &wall);
+    move |pose, sets| {
+        pose.moved.iter().for_each(|moved| scene.move_object(moved.object, &moved.transform.affine()));
+        scene.refit(algorithm.tree_form());
+        culler.cull(scene.tree(), &wall, &pose.eyes, &pose.world_from_room, sets);
+    }
+}
+
 /// Turns true when the user presses Ctrl-C, or when the caller makes it; pressed again, the process ends at once.
 pub fn stop_on_interrupt() -> Result<watch::Sender<bool>> {
     const INTERRUPTED: i32 = 130;
@@ -84,14 +100,11 @@ impl Record {
 
     /// Culls, and writes down what each view sees.
     pub fn culler(&self, algorithm: Algorithm, wall: &Arc<Wall>, package: &Arc<Package>) -> Cull {
-        let (record, wall) = (self.clone(), Arc::clone(wall));
-        let mut scene = DynamicScene::new(Arc::clone(package), Bounds::default());
-        let mut culler = Culler::new(algorithm, &wall);
+        let record = self.clone();
+        let mut cull = culler(algorithm, wall, package);
         Box::new(move |pose, sets| {
             let start = Instant::now();
-            pose.moved.iter().for_each(|moved| scene.move_object(moved.object, &moved.transform.affine()));
-            scene.refit(algorithm.tree_form());
-            culler.cull(scene.tree(), &wall, &pose.eyes, &pose.world_from_room, sets);
+            cull(pose, sets);
             let cull_us = start.elapsed().as_secs_f64() * 1e6;
             let mut data = record.0.lock().unwrap_or_else(PoisonError::into_inner);
             keep(&mut data.cull_us, cull_us);

@@ -191,6 +191,7 @@ fn play() -> Outcome {
         }),
         observer: Box::new(observer),
         node_observer: Box::new(|_| {}),
+        shown_observer: Box::new(|_, _| {}),
         stop: Some(stopped),
     };
     let service = thread::spawn(move || run_show(listener, show).unwrap());
@@ -266,6 +267,7 @@ fn a_camera_that_gives_no_pose_ends_the_show_with_its_fault() {
             cull: Box::new(|_, _| {}),
             observer: Box::new(|_| {}),
             node_observer: Box::new(move |_| joined.store(true, Ordering::SeqCst)),
+            shown_observer: Box::new(|_, _| {}),
             stop: None,
         };
         let service = thread::spawn(move || run_show(listener, show));
@@ -295,6 +297,7 @@ fn what_the_master_refuses_for_good_is_an_error_at_once() {
         cull: Box::new(|_, _| {}),
         observer: Box::new(|_| {}),
         node_observer: Box::new(|_| {}),
+        shown_observer: Box::new(|_, _| {}),
         stop: Some(stopped),
     };
     let service = thread::spawn(move || run_show(listener, show));

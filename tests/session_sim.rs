@@ -22,7 +22,7 @@ use glam::{DAffine3, DVec3};
 use mullion_client::tile_session::{Action, DrawStats, EndedBy, FrameToDraw, TileSession};
 use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Transform};
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wire::{Bye, ByeCode, Moved, Opening, SectionRef, ToTile, body_of};
+use mullion_common::wire::{Bye, ByeCode, Moved, Opening, PROTOCOL_VERSION, SectionRef, ToTile, body_of};
 use mullion_server::master::{FrameInput, FrameReleased, Kind, Master, MasterOptions, Outbox, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 use session_support::random::Random;
@@ -135,6 +135,8 @@ struct Sim {
     released_at: Vec<Duration>,
     passed_over: Vec<u64>,
     shows: u64,
+    /// Shows of which the master has been told.
+    shows_told: u64,
     deltas: u64,
     is_finished: bool,
     trace: u64,
@@ -179,6 +181,7 @@ impl Sim {
             released: None,
             released_at: Vec::new(),
             shows: 0,
+            shows_told: 0,
             deltas: 0,
             is_finished: false,
             trace: 0,
@@ -209,7 +212,7 @@ impl Sim {
                 4 => Event::Stranger { body: (0..self.rng.within(0, 60)).map(|_| self.rng.next() as u8).collect() },
                 _ => {
                     let mut bytes = Vec::new();
-                    let version = self.rng.within(2, 9) as u32;
+                    let version = PROTOCOL_VERSION + self.rng.within(1, 8) as u32;
                     Opening::Control(self.nodes[node].session.hello()).encode_as_version(version, &mut bytes).unwrap();
                     Event::Stranger { body: body_of(&bytes).to_vec() }
                 }
@@ -455,6 +458,7 @@ impl Sim {
             Action::Show { frame } => {
                 assert_eq!(n.drawn, Some(frame), "only what was drawn last can be shown");
                 n.shown = Some(frame);
+                n.session.note_shown(frame, self.now.as_micros() as u64);
                 self.shows += 1;
                 self.trace = self.trace.wrapping_mul(31).wrapping_add(frame ^ (node as u64) << 32 ^ self.now.as_nanos() as u64);
                 assert!(self.released >= Some(frame), "node {node} shows frame {frame} before its release");
@@ -492,6 +496,10 @@ impl Sim {
                 }
                 Output::WantFrame { number } => self.begin(number),
                 Output::FrameReleased(released) => self.check_release(&released),
+                Output::Shown { shown, .. } => {
+                    assert!(self.released >= Some(shown.frame) && shown.at_us <= self.now.as_micros() as u64, "{shown:?}");
+                    self.shows_told += 1;
+                }
                 Output::Finished => self.is_finished = true,
                 Output::ServeChunks { .. } => panic!("no chunk connections here"),
             }
@@ -520,7 +528,7 @@ impl Sim {
         };
         self.sets.push(sets.clone());
         self.places.push(places);
-        self.master.begin_frame(&input, self.now);
+        self.master.begin_frame(&input, self.now, &mut |_| {});
     }
 
     fn check_release(&mut self, released: &FrameReleased) {
@@ -557,6 +565,7 @@ impl Sim {
         }
         let frames = self.released_at.len() as u64;
         assert!(self.deltas > frames, "{} deltas in {frames} frames", self.deltas);
+        assert!(self.shows_told > frames && self.shows_told <= self.shows, "{} of {} told", self.shows_told, self.shows);
     }
 }
 

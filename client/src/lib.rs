@@ -6,10 +6,13 @@
 //!              └─────────→ gpu     drawn
 //! ```
 
+mod connection;
 pub mod frame;
 pub mod gpu;
 pub mod gpu_painter;
+pub mod master_clock;
 pub mod node;
 pub mod output;
+pub mod protocol_node;
 pub mod residency;
 pub mod tile_session;

@@ -7,25 +7,24 @@ use std::{io, thread};
 use futures_util::StreamExt;
 use mullion_common::scene::{ChunkHash, ChunkId, SceneManifest};
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, LENGTH_BYTES, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved,
-    OPENING_LIMIT, Opening, SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want, WireError,
+    ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved, Opening,
+    SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want,
 };
 use thiserror::Error;
-use tokio::io::{AsyncRead, AsyncWriteExt};
+use tokio::io::AsyncWriteExt;
 use tokio::net::TcpStream;
 use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::timeout;
-use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
+use crate::connection::{End, connect, framed, keep_connected, stopped, write_message};
+use crate::master_clock::{MasterClock, PING_EVERY};
 use crate::tile_session::{Action, Assembly, DrawStats, EndedBy, FrameToDraw, PieceError, TileSession};
 
 /// Messages and blobs that may wait for the painter. Blobs are bounded by what the session asks for at once.
 const MAX_EVENTS: usize = 64;
 /// Messages that may wait to be written.
 const MAX_UNSENT: usize = 64;
-/// A connection that lasted so long was a good one: the next attempt comes soon.
-const GOOD_CONNECTION: Duration = Duration::from_secs(5);
 
 /// What draws: a GPU, or a recorder in tests. Called from the thread that called [`run`].
 pub trait Painter {
@@ -72,23 +71,7 @@ pub enum PaintError {
     Failed(String),
 }
 
-/// When to try again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Reconnect {
-    /// First pause; every further one is twice as long.
-    pub first: Duration,
-    /// Longest pause.
-    pub longest: Duration,
-    /// How long to go on without a connection; `None`: for ever.
-    pub give_up_after: Option<Duration>,
-}
-
-impl Default for Reconnect {
-    /// 100 ms, 3 s, for ever.
-    fn default() -> Self {
-        Self { first: Duration::from_millis(100), longest: Duration::from_secs(3), give_up_after: None }
-    }
-}
+pub use crate::connection::Reconnect;
 
 /// Which node to be, and of which master.
 #[derive(Clone, Debug)]
@@ -142,8 +125,12 @@ type Wanted = Vec<(ChunkHash, u64)>;
 
 /// From the network to the painter's thread.
 enum Event {
-    Connected { control: mpsc::Sender<ToMaster>, wants: mpsc::Sender<Wanted> },
-    Message(ToTile),
+    Connected {
+        control: mpsc::Sender<ToMaster>,
+        wants: mpsc::Sender<Wanted>,
+    },
+    /// With when it came in, since the node's start.
+    Message(ToTile, Duration),
     Blob(ChunkHash, Vec<u8>),
     Absent(ChunkHash),
     Disconnected,
@@ -160,8 +147,11 @@ pub fn run(options: NodeOptions, painter: &mut dyn Painter) -> Result<NodeReport
     let (events, mut inbox) = mpsc::channel(MAX_EVENTS);
     let stats = Arc::new(Mutex::new(Stats::default()));
     let session = TileSession::new(options.node.clone(), options.credentials.clone(), options.memory_bytes);
-    let mut easel = Easel { session, painter, report: NodeReport::default(), link: None };
-    let network = Network { hello: Opening::Control(easel.session.hello()), options, events, stats: Arc::clone(&stats) };
+    let started = Instant::now();
+    let clock = MasterClock::default();
+    let mut easel = Easel { session, painter, report: NodeReport::default(), link: None, clock, started };
+    let hello = Opening::Control(easel.session.hello());
+    let network = Network { hello, options, events, stats: Arc::clone(&stats), started };
     let thread = thread::Builder::new().name("mullion-network".into()).spawn(move || runtime.block_on(network.run()))?;
     let result = easel.run(&mut inbox, &stats);
     // Without an inbox and a link, in this order, the network thread ends as soon as what is queued is written.
@@ -180,6 +170,8 @@ struct Easel<'a> {
     painter: &'a mut dyn Painter,
     report: NodeReport,
     link: Option<(mpsc::Sender<ToMaster>, mpsc::Sender<Wanted>)>,
+    clock: MasterClock,
+    started: Instant,
 }
 
 impl Easel<'_> {
@@ -236,7 +228,8 @@ impl Easel<'_> {
                 self.link = Some((control, wants));
                 self.session.connected();
             }
-            Event::Message(message) => self.session.handle_message(message),
+            Event::Message(ToTile::Pong(pong), at) => self.clock.take(&pong, at),
+            Event::Message(message, _) => self.session.handle_message(message),
             Event::Blob(hash, bytes) => {
                 self.report.blob_bytes += bytes.len() as u64;
                 self.session.handle_blob(hash, bytes);
@@ -244,6 +237,7 @@ impl Easel<'_> {
             Event::Absent(hash) => self.session.handle_absent(hash),
             Event::Disconnected | Event::Ended(_) => {
                 self.link = None;
+                self.clock.forget();
                 self.session.disconnected();
             }
         }
@@ -276,6 +270,9 @@ impl Easel<'_> {
                 Action::Show { frame } => {
                     self.painter.show(frame)?;
                     self.report.shown += 1;
+                    if let Some(at_us) = self.clock.master_us(self.started.elapsed()) {
+                        self.session.note_shown(frame, at_us);
+                    }
                 }
                 Action::Close { bye, by } => {
                     if by == EndedBy::Node {
@@ -298,96 +295,27 @@ impl Easel<'_> {
     }
 }
 
-/// Why there is no connection, as it was told last: one line for each reason, not for each attempt.
-#[derive(Debug, Default)]
-struct Complaint(Option<String>);
-
-impl Complaint {
-    /// Whether the reason is to be told.
-    fn is_new(&mut self, reason: &str) -> bool {
-        let is_new = self.0.as_deref() != Some(reason);
-        if is_new {
-            self.0 = Some(reason.to_owned());
-        }
-        is_new
-    }
-}
-
 /// The sockets' side.
 struct Network {
     hello: Opening,
     options: NodeOptions,
     events: mpsc::Sender<Event>,
     stats: Arc<Mutex<Stats>>,
-}
-
-/// How a connection ended.
-enum End {
-    /// Worth trying again.
-    Lost(String),
-    /// The master said goodbye.
-    Bye(Bye),
-    /// The painter's side is gone.
-    NobodyThere,
+    started: Instant,
 }
 
 impl Network {
     async fn run(self) {
         let stop = self.options.stop.clone();
+        let converse = async |stream| {
+            let end = self.converse(stream).await;
+            if self.events.send(Event::Disconnected).await.is_err() { End::NobodyThere } else { end }
+        };
         let result = tokio::select! {
-            result = self.keep_connected() => result,
+            result = keep_connected(&self.options, async || self.events.closed().await, converse) => result,
             () = stopped(stop) => Ok(()),
         };
         let _ = self.events.send(Event::Ended(result)).await; // nobody there: nobody to tell
-    }
-
-    async fn keep_connected(&self) -> Result<(), NodeError> {
-        let Reconnect { first, longest, give_up_after } = self.options.reconnect;
-        let mut pause = first;
-        let mut without = Instant::now();
-        let mut complaint = Complaint::default();
-        loop {
-            let mut was_good = false;
-            let end = match connect(&self.options.master).await {
-                Ok(stream) => {
-                    let started = Instant::now();
-                    let end = self.converse(stream).await;
-                    was_good = started.elapsed() >= GOOD_CONNECTION;
-                    without = Instant::now();
-                    if self.events.send(Event::Disconnected).await.is_err() {
-                        return Ok(());
-                    }
-                    end
-                }
-                Err(error) => End::Lost(error.to_string()),
-            };
-            let last = match end {
-                End::NobodyThere => return Ok(()),
-                End::Bye(bye) if bye.code == ByeCode::EndOfShow => return Ok(()),
-                End::Bye(bye) if !bye.code.is_retryable() => return Err(NodeError::Refused(bye)),
-                End::Bye(bye) => bye.to_string(),
-                End::Lost(reason) => reason,
-            };
-            if give_up_after.is_some_and(|limit| without.elapsed() >= limit) {
-                let (master, seconds) = (self.options.master.clone(), without.elapsed().as_secs_f64());
-                return Err(NodeError::Unreachable { master, seconds, last });
-            }
-            if was_good {
-                pause = first;
-                complaint = Complaint::default();
-            }
-            let (node, master) = (&self.options.node, &self.options.master);
-            if complaint.is_new(&last) {
-                tracing::warn!("node {node}: no connection to {master}: {last}; trying again until there is one");
-            } else {
-                tracing::debug!("node {node}: no connection to {master}: {last}; trying again in {} ms", pause.as_millis());
-            }
-            tokio::select! {
-                () = tokio::time::sleep(pause) => {}
-                () = self.events.closed() => return Ok(()),
-            }
-            pause = (pause * 2).min(longest);
-        }
     }
 
     /// One control connection and its chunk connection, until either ends.
@@ -433,7 +361,7 @@ impl Network {
                 }
                 _ => {}
             }
-            if self.events.send(Event::Message(message)).await.is_err() {
+            if self.events.send(Event::Message(message, self.started.elapsed())).await.is_err() {
                 tokio::time::sleep(ALIVE_EVERY).await; // the writer has this side's goodbye to send, and ends this
                 return End::NobodyThere;
             }
@@ -443,7 +371,7 @@ impl Network {
     async fn write_control(&self, mut writer: OwnedWriteHalf, mut unsent: mpsc::Receiver<ToMaster>) -> End {
         let mut buffer = Vec::new();
         let mut beat = tokio::time::interval(ALIVE_EVERY);
-        beat.tick().await; // the first is at once
+        let mut ask = tokio::time::interval(PING_EVERY);
         loop {
             let message = tokio::select! {
                 message = unsent.recv() => match message {
@@ -454,7 +382,8 @@ impl Network {
                         return if is_over { End::NobodyThere } else { End::Lost("this side ended the connection".into()) };
                     }
                 },
-                _ = beat.tick() => ToMaster::Stats(self.stats.lock().map(|s| *s).unwrap_or_default()),
+                _ = beat.tick() => ToMaster::Stats(self.stats.lock().map(|stats| *stats).unwrap_or_default()),
+                _ = ask.tick() => ToMaster::Ping(MasterClock::ping(self.started.elapsed())),
             };
             if let Err(error) = write_message(&mut writer, &mut buffer, |out| message.encode(out)).await {
                 return End::Lost(error.to_string());
@@ -538,47 +467,4 @@ async fn write_wants(mut writer: OwnedWriteHalf, mut wanted: mpsc::Receiver<Want
 fn locked<T>(assembly: &Mutex<Assembly>, f: impl FnOnce(&mut Assembly) -> T) -> T {
     // Both halves run on one thread and hold the lock only here: it is never poisoned while one of them runs.
     f(&mut assembly.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
-}
-
-async fn stopped(stop: Option<watch::Receiver<bool>>) {
-    if let Some(mut stop) = stop
-        && stop.wait_for(|stop| *stop).await.is_ok()
-    {
-        return;
-    }
-    std::future::pending().await
-}
-
-async fn connect(master: &str) -> io::Result<TcpStream> {
-    let too_slow = || io::Error::new(io::ErrorKind::TimedOut, format!("no answer in {} s", OPENING_LIMIT.as_secs()));
-    let stream = timeout(OPENING_LIMIT, TcpStream::connect(master)).await.map_err(|_| too_slow())??;
-    stream.set_nodelay(true)?;
-    Ok(stream)
-}
-
-fn framed<R: AsyncRead>(reader: R, cap: usize) -> FramedRead<R, LengthDelimitedCodec> {
-    let mut builder = LengthDelimitedCodec::builder();
-    builder.little_endian().length_field_length(LENGTH_BYTES).max_frame_length(cap).new_read(reader)
-}
-
-async fn write_message(
-    writer: &mut OwnedWriteHalf,
-    buffer: &mut Vec<u8>,
-    encode: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>,
-) -> io::Result<()> {
-    encode(buffer).map_err(io::Error::other)?;
-    let too_slow = || io::Error::new(io::ErrorKind::TimedOut, "the master does not read");
-    timeout(SILENCE_LIMIT, writer.write_all(buffer)).await.map_err(|_| too_slow())?
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_reason_is_told_once_until_another_comes() {
-        let mut complaint = Complaint::default();
-        let told = ["refused", "refused", "refused", "a namesake", "a namesake", "refused"].map(|r| complaint.is_new(r));
-        assert_eq!(told, [true, false, false, true, false, true]);
-    }
 }

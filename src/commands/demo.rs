@@ -74,7 +74,7 @@ impl WallChoice {
     /// # Errors
     /// When the file is no wall.
     pub fn open(&self) -> Result<Wall> {
-        self.wall.as_deref().map_or_else(|| grid_wall(self.grid, BEZEL_PX), open_wall)
+        self.wall.as_deref().map_or_else(|| grid_wall(self.grid, BEZEL_PX, GRID_HZ), open_wall)
     }
 }
 
@@ -84,6 +84,8 @@ const START_WAIT: Duration = Duration::from_secs(60);
 const TILE_PX: [u32; 2] = [320, 180];
 const TILE_M: [f64; 2] = [1.024, 0.576];
 const BEZEL_PX: u32 = 4;
+/// Frames a second of walls made from a grid.
+pub const GRID_HZ: f64 = 60.0;
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
@@ -149,10 +151,10 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 /// A wall of so many equal panels with bezels of so many pixels' width.
-pub fn grid_wall(grid: Grid, bezel_px: u32) -> Result<Wall> {
+pub fn grid_wall(grid: Grid, bezel_px: u32, rate_hz: f64) -> Result<Wall> {
     let bezel_m = [0, 1].map(|axis| TILE_M[axis] / f64::from(TILE_PX[axis]) * f64::from(bezel_px));
     let text = format!(
-        "name = \"demo-{columns}x{rows}\"\n[grid]\ncolumns = {columns}\nrows = {rows}\ntile_px = {TILE_PX:?}\ntile_m = {TILE_M:?}\nbezel_m = {bezel_m:?}\n",
+        "name = \"demo-{columns}x{rows}\"\nrate_hz = {rate_hz:?}\n[grid]\ncolumns = {columns}\nrows = {rows}\ntile_px = {TILE_PX:?}\ntile_m = {TILE_M:?}\nbezel_m = {bezel_m:?}\n",
         columns = grid.columns,
         rows = grid.rows,
     );
@@ -189,6 +191,7 @@ fn start_master(
             }
         }),
         node_observer: Box::new(|_| {}),
+        shown_observer: Box::new(|_, _| {}),
         stop: Some(stopped),
     };
     std::thread::spawn(move || service::run(listener, show))

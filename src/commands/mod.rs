@@ -5,6 +5,8 @@ pub mod cull;
 pub mod demo;
 pub mod generate;
 pub mod info;
+pub mod load_nodes;
+pub mod loadtest;
 pub mod path;
 pub mod prepare;
 pub mod serve;

@@ -122,6 +122,7 @@ pub fn run(options: &Options) -> Result<()> {
             cull: record.culler(options.algorithm, &wall, &package),
             observer: Box::new(observer),
             node_observer: Box::new(node_observer),
+            shown_observer: Box::new(|_, _| {}),
             stop: Some(stop.subscribe()),
             options: show_options,
             wall: Arc::clone(&wall),

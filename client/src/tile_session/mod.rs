@@ -16,8 +16,8 @@ use mullion_common::scene::{ChunkHash, ChunkId, ObjectId, SceneManifest, Section
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::{
-    BASE_WINDOW, Budget, Bye, ByeCode, Frame, Hello, MAX_WANTED, Manifest, Moved, SectionRef, Stats, ToMaster, ToTile, ViewSpec,
-    Welcome,
+    BASE_WINDOW, Budget, Bye, ByeCode, Frame, Hello, MAX_WANTED, Manifest, Moved, SectionRef, Shown, Stats, ToMaster, ToTile,
+    ViewSpec, Welcome,
 };
 
 use crate::residency::Residency;
@@ -95,7 +95,7 @@ pub enum Action {
     SetTransform(Moved),
     /// Draw, keep the picture back, and call [`TileSession::drawn`].
     Draw(Arc<FrameToDraw>),
-    /// Show the picture drawn last.
+    /// Show the picture drawn last; [`TileSession::note_shown`] may then be told when that was.
     Show {
         /// Number of its frame.
         frame: u64,
@@ -150,11 +150,21 @@ struct Sections {
     bytes: [Option<Vec<u8>>; 4],
 }
 
+/// What a node needs before it draws a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Needs {
+    /// The scene, and the chunks of all that it sees.
+    Scene,
+    /// Nothing: it does not draw.
+    Nothing,
+}
+
 /// The protocol state of a node.
 #[derive(Debug)]
 pub struct TileSession {
     node: String,
     credentials: Option<Vec<u8>>,
+    needs: Needs,
     memory_bytes: u64,
     evicted: Vec<ChunkId>,
     views: Arc<[ViewSpec]>,
@@ -177,6 +187,8 @@ pub struct TileSession {
     drawn: Option<u64>,
     /// The frame of this connection that is shown.
     shown: Option<u64>,
+    /// When that was, until the master has been told.
+    shown_at: Option<Shown>,
     last_stats: DrawStats,
     closed: bool,
     actions: VecDeque<Action>,
@@ -191,6 +203,7 @@ impl TileSession {
         Self {
             node: node.into(),
             credentials,
+            needs: Needs::Scene,
             memory_bytes,
             evicted: Vec::new(),
             views: Arc::new([]),
@@ -208,11 +221,18 @@ impl TileSession {
             drawing: None,
             drawn: None,
             shown: None,
+            shown_at: None,
             last_stats: DrawStats::default(),
             closed: true,
             actions: VecDeque::new(),
             lack: Lack::default(),
         }
+    }
+
+    /// A node that takes part in everything but fetches and draws nothing: every frame is to be drawn as soon as it is there. For
+    /// loading a master.
+    pub fn without_scene(node: impl Into<String>, credentials: Option<Vec<u8>>) -> Self {
+        Self { needs: Needs::Nothing, ..Self::new(node, credentials, 0) }
     }
 
     /// The greeting of every connection.
@@ -236,7 +256,7 @@ impl TileSession {
         self.lack.frame = None;
         self.drawing = None;
         self.drawn = None;
-        self.shown = None; // another master may count its frames anew
+        (self.shown, self.shown_at) = (None, None); // another master may count its frames anew
         self.acknowledged.clear();
         self.damaged.clear();
         self.on_the_way.clear();
@@ -262,7 +282,7 @@ impl TileSession {
                 }
                 Ok(())
             }
-            ToTile::Alive => Ok(()),
+            ToTile::Alive | ToTile::Pong(_) => Ok(()), // clocks are the shell's
             ToTile::Bye(bye) => {
                 self.close(bye, EndedBy::Master);
                 Ok(())
@@ -308,8 +328,14 @@ impl TileSession {
         }
         self.drawn = Some(frame);
         self.last_stats = stats;
-        self.actions.push_back(Action::Send(ToMaster::Ready { frame }));
+        let shown = self.shown_at.take();
+        self.actions.push_back(Action::Send(ToMaster::Ready { frame, shown }));
         self.plan();
+    }
+
+    /// A frame was shown when the master's clock showed `at_us`, microseconds.
+    pub fn note_shown(&mut self, frame: u64, at_us: u64) {
+        self.shown_at = Some(Shown { frame, at_us }).filter(|_| self.shown == Some(frame));
     }
 
     /// What to do next, until there is nothing. Events that come before it is asked may replace the frame to draw.
@@ -359,6 +385,9 @@ impl TileSession {
         self.lack.frame = None;
         self.acknowledged.clear();
         self.moved_early.clear();
+        if self.needs == Needs::Nothing {
+            return Ok(());
+        }
         let same = self.section_refs == manifest.sections && !self.views_changed;
         if same && let Some(scene) = &mut self.scene {
             // Objects may have moved back while nobody told us: start from where the manifest has them.
@@ -409,10 +438,13 @@ impl TileSession {
         let views = frame.views.iter().zip(self.views.iter()).enumerate().map(|(i, (view, spec))| {
             let mut leaves = VisibleSet::default();
             view.leaves.apply(base.map_or(&nothing, |base| &base.views[i].leaves), &mut scratch, &mut leaves);
-            ViewToDraw { view: spec.view, eye: view.eye, budget: view.budget, leaves }
+            if leaves.digest() != view.digest {
+                return Err(format!("frame {}: what view {} sees is not what the master says", frame.number, spec.view.0));
+            }
+            Ok(ViewToDraw { view: spec.view, eye: view.eye, budget: view.budget, leaves })
         });
         let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, .. } = frame;
-        let views = views.collect();
+        let views = views.collect::<Result<_, String>>()?;
         self.pending = Some(Arc::new(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views }));
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));
         self.plan();
@@ -470,6 +502,11 @@ impl TileSession {
     /// Finds out what the newest frame lacks, and goes on from there.
     fn plan(&mut self) {
         if self.closed || self.drawing.is_some() {
+            return;
+        }
+        if self.needs == Needs::Nothing {
+            self.lack.frame = self.pending.as_ref().map(|pending| pending.number);
+            self.moved_early.clear();
             return;
         }
         let (Some(scene), Some(pending)) = (&mut self.scene, &self.pending) else { return };

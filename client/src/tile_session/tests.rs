@@ -59,8 +59,11 @@ fn manifest() -> ToTile {
 
 fn frame(number: u64, base: Option<u64>, added: &[(u32, u32)]) -> ToTile {
     let added = VisibleSet::from_ranges(added.iter().map(|&(start, end)| LeafRange::new(start, end)));
+    // Frames stand on frame 0 of `drawn`.
+    let before = base.filter(|base| *base == 0).map(|_| LeafRange::new(0, 3));
+    let digest = VisibleSet::from_ranges(added.ranges().iter().copied().chain(before)).digest();
     let leaves = VisibleDelta { removed: VisibleSet::default(), added };
-    let view = FrameView { eye: DVec3::Z, budget: Budget::default(), leaves };
+    let view = FrameView { eye: DVec3::Z, budget: Budget::default(), leaves, digest };
     let shared_eye = DVec3::new(2.5, 0.5, 0.5);
     ToTile::Frame(Frame { number, epoch: 1, base, shared_eye, views: vec![view], ..Frame::default() })
 }
@@ -96,7 +99,7 @@ fn drawn() -> TileSession {
     (0..3).for_each(|i| give(&mut session, i));
     assert!(matches!(actions(&mut session).last(), Some(Action::Draw(frame)) if frame.number == 0));
     session.drawn(0, DrawStats::default());
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0 })]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, shown: None })]);
     session
 }
 
@@ -159,7 +162,7 @@ fn a_frame_is_shown_though_the_connection_before_had_one_of_its_number() {
     assert!(matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.number == 0));
     session.drawn(0, DrawStats::default());
     session.handle_message(ToTile::Swap { frame: 0 });
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0 }), Action::Show { frame: 0 }]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, shown: None }), Action::Show { frame: 0 }]);
 }
 
 #[test]
@@ -201,4 +204,37 @@ fn what_came_in_just_before_the_end_is_still_uploaded() {
     give(&mut session, 0);
     session.disconnected();
     assert!(matches!(&actions(&mut session)[..], [Action::Upload { chunk: ChunkId(0), .. }]));
+}
+
+#[test]
+fn without_a_scene_every_frame_is_ready_at_once_and_told_when_it_was_shown() {
+    let mut session = TileSession::without_scene("n", None);
+    session.connected();
+    session.handle_message(welcome());
+    session.handle_message(manifest());
+    session.handle_message(frame(0, None, &[(0, 3)]));
+    assert!(
+        matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.views[0].leaves.len() == 3),
+        "nothing is fetched"
+    );
+    session.drawn(0, DrawStats::default());
+    session.handle_message(ToTile::Swap { frame: 0 });
+    session.note_shown(7, 1); // never shown
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, shown: None }), Action::Show { frame: 0 }]);
+    session.note_shown(0, 1234);
+    session.handle_message(frame(1, Some(0), &[(3, 5)]));
+    assert_eq!(actions(&mut session).len(), 1);
+    session.drawn(1, DrawStats::default());
+    let shown = Some(Shown { frame: 0, at_us: 1234 });
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 1, shown })]);
+}
+
+#[test]
+fn a_set_that_is_not_the_masters_ends_the_connection() {
+    let mut session = drawn();
+    let ToTile::Frame(mut frame) = frame(1, Some(0), &[(3, 5)]) else { unreachable!("a frame") };
+    frame.views[0].digest ^= 1;
+    session.handle_message(ToTile::Frame(frame));
+    let got = actions(&mut session);
+    assert!(matches!(&got[..], [Action::Close { bye, by: EndedBy::Node }] if bye.reason.contains("view 0")), "{got:?}");
 }

@@ -30,6 +30,8 @@ pub struct FrameView {
     pub budget: Budget,
     /// What it sees, against the frame's base.
     pub leaves: VisibleDelta,
+    /// [`VisibleSet::digest`](crate::visible_set::VisibleSet::digest) of all that it sees.
+    pub digest: u64,
 }
 
 /// An object's new place.
@@ -45,7 +47,7 @@ pub struct Moved {
 ///
 /// As bytes after the tag: number u64, epoch u32, scene time f64, `world_from_room` 12 × f64 (three columns and the
 /// translation), shared eye 3 × f64, base `Option<u64>`, view count u32, count of moved objects u32; for each view: eye
-/// 3 × f64, budget `Option<u32>` triangles, `Option<u32>` microseconds; for each view: the set of leaves removed, the set
+/// 3 × f64, budget `Option<u32>` triangles, `Option<u32>` microseconds, digest u64 of the whole set; for each view: the set of leaves removed, the set
 /// of leaves added (a set is a uvarint count, then per range the uvarint distance from one past the end of the range
 /// before, or from 0, and the uvarint length less one); for each moved object: id u32, 12 × f64.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -84,6 +86,7 @@ struct Head {
 struct ViewHead {
     eye: [f64; 3],
     budget: Budget,
+    digest: u64,
 }
 
 const HEAD_CAP: usize = 256;
@@ -109,7 +112,7 @@ impl Frame {
             };
             codec::encode_into(&head, out)?;
             for view in &self.views {
-                codec::encode_into(&ViewHead { eye: view.eye.to_array(), budget: view.budget }, out)?;
+                codec::encode_into(&ViewHead { eye: view.eye.to_array(), budget: view.budget, digest: view.digest }, out)?;
             }
             for view in &self.views {
                 put_set(out, &view.leaves.removed);
@@ -134,10 +137,10 @@ impl Frame {
         finite("shared eye", shared_eye.is_finite())?;
         let mut views = Vec::with_capacity(head.views as usize);
         for _ in 0..head.views {
-            let ViewHead { eye, budget } = take_head(&mut bytes)?;
+            let ViewHead { eye, budget, digest } = take_head(&mut bytes)?;
             let eye = DVec3::from(eye);
             finite("eye", eye.is_finite())?;
-            views.push(FrameView { eye, budget, leaves: VisibleDelta::default() });
+            views.push(FrameView { eye, budget, leaves: VisibleDelta::default(), digest });
         }
         for view in &mut views {
             take_set(&mut bytes, &mut view.leaves.removed)?;

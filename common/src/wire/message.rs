@@ -26,6 +26,8 @@ pub(super) mod tag {
     pub const WANT: u8 = 11;
     pub const PIECE: u8 = 12;
     pub const ABSENT: u8 = 13;
+    pub const PING: u8 = 14;
+    pub const PONG: u8 = 15;
 }
 
 /// A node's greeting on its control connection.
@@ -69,6 +71,31 @@ pub struct Stats {
     pub resident_bytes: u64,
 }
 
+/// When a node showed a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shown {
+    /// Which frame.
+    pub frame: u64,
+    /// When, on the master's clock as the node estimates it, microseconds.
+    pub at_us: u64,
+}
+
+/// A node's question what time it is at the master.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ping {
+    /// Node's clock as it asks, microseconds since any fixed start.
+    pub at_us: u64,
+}
+
+/// The master's answer to a [`Ping`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pong {
+    /// What the ping said.
+    pub at_us: u64,
+    /// Master's clock as it answers, microseconds since any fixed start.
+    pub master_us: u64,
+}
+
 /// From a node to the master, after the greeting.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ToMaster {
@@ -76,7 +103,11 @@ pub enum ToMaster {
     Ready {
         /// Its number.
         frame: u64,
+        /// The last frame shown, where that has not been said and the master's clock is known.
+        shown: Option<Shown>,
     },
+    /// What time is it there?
+    Ping(Ping),
     /// What it did lately.
     Stats(Stats),
     /// It goes.
@@ -283,6 +314,8 @@ pub enum ToTile {
     },
     /// The master is there and has nothing to say.
     Alive,
+    /// What time it is at the master.
+    Pong(Pong),
     /// The master ends the connection.
     Bye(Bye),
 }
@@ -439,7 +472,8 @@ impl ToMaster {
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         let cap = MAX_TO_MASTER_BYTES;
         match self {
-            Self::Ready { frame } => framed(out, tag::READY, cap, |out| Ok(codec::encode_into(frame, out)?)),
+            Self::Ready { frame, shown } => framed(out, tag::READY, cap, |out| Ok(codec::encode_into(&(frame, shown), out)?)),
+            Self::Ping(ping) => framed(out, tag::PING, cap, |out| Ok(codec::encode_into(ping, out)?)),
             Self::Stats(stats) => framed(out, tag::STATS, cap, |out| Ok(codec::encode_into(stats, out)?)),
             Self::Bye(bye) => framed(out, tag::BYE, cap, |out| put_bye(out, bye)),
         }
@@ -452,7 +486,11 @@ impl ToMaster {
     pub fn decode(body: &[u8]) -> Result<Self, WireError> {
         let (tag, rest) = split_tag(body, MAX_TO_MASTER_BYTES)?;
         match tag {
-            tag::READY => Ok(Self::Ready { frame: codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)? }),
+            tag::READY => {
+                let (frame, shown) = codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?;
+                Ok(Self::Ready { frame, shown })
+            }
+            tag::PING => Ok(Self::Ping(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
             tag::STATS => Ok(Self::Stats(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
             tag::BYE => Ok(Self::Bye(take_bye(rest)?)),
             tag => Err(WireError::Tag { tag }),
@@ -479,6 +517,7 @@ impl ToTile {
             Self::Frame(frame) => frame.encode(out),
             Self::Swap { frame } => framed(out, tag::SWAP, cap, |out| Ok(codec::encode_into(frame, out)?)),
             Self::Alive => framed(out, tag::ALIVE, cap, |_| Ok(())),
+            Self::Pong(pong) => framed(out, tag::PONG, cap, |out| Ok(codec::encode_into(pong, out)?)),
             Self::Bye(bye) => framed(out, tag::BYE, cap, |out| put_bye(out, bye)),
         }
     }
@@ -502,6 +541,7 @@ impl ToTile {
             tag::FRAME => Ok(Self::Frame(Frame::decode(rest)?)),
             tag::SWAP => Ok(Self::Swap { frame: codec::decode::<_, SMALL>(rest)? }),
             tag::ALIVE if rest.is_empty() => Ok(Self::Alive),
+            tag::PONG => Ok(Self::Pong(codec::decode::<_, SMALL>(rest)?)),
             tag::BYE => Ok(Self::Bye(take_bye(rest)?)),
             tag => Err(WireError::Tag { tag }),
         }

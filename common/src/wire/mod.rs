@@ -20,7 +20,7 @@
 //! |---|---|---|---|
 //! | 1 | [`Hello`] | node, control | magic `MULL`, version u32, node string, credentials `Option<bytes>`, cached list of hashes |
 //! | 2 | [`ChunkHello`] | node, chunks | magic `MULL`, version u32, session u64 |
-//! | 3 | Ready | node, control | frame u64 |
+//! | 3 | Ready | node, control | frame u64, [`Shown`] as an `Option` |
 //! | 4 | [`Stats`] | node, control | the fields of [`Stats`] |
 //! | 5 | [`Bye`] | either, both | code u32, reason string; the same in every version |
 //! | 6 | [`Welcome`] | master, control | the fields of [`Welcome`] |
@@ -31,17 +31,21 @@
 //! | 11 | [`Want`] | node, chunks | list of hashes, appended to those wanted before, at most [`MAX_WANTED`] open at once |
 //! | 12 | [`Piece`] | master, chunks | hash, offset u64, total u64, then the bytes to the end of the body |
 //! | 13 | Absent | master, chunks | hash |
+//! | 14 | [`Ping`] | node, control | at_us u64 |
+//! | 15 | [`Pong`] | master, control | at_us u64, master_us u64 |
 //!
 //! # A session
 //! `Hello` → `Welcome`, `Manifest`; then the node opens its chunk connection with the session number that `Welcome`
 //! gave, and wants the manifest's sections by hash. For each `Frame` the node applies the deltas, wants what it lacks,
 //! draws, and says `Ready`. `Swap` tells it to show that frame. A node works on the newest frame: older ones that it has
 //! not drawn are dropped. A node that says nothing for [`SILENCE_LIMIT`] is gone; `Stats` once a second is enough.
+//! A node asks for the time when it greets, and about twice a second; half of the shortest way there and back is how far its estimate of the
+//! master's clock may be off. With each Ready it says when, on that clock, it showed the frame before.
 //! The magic and the version come first in both greetings, so that any version can refuse any other by name.
 //!
 //! # Deltas
 //! A frame's `base` is a frame that this node said `Ready` for on this connection, at most [`BASE_WINDOW`] frames back;
-//! without a base the delta is against empty sets. Transforms are absolute, of every object that moved since the base
+//! without a base the delta is against empty sets. A view's digest tells whether the set that came of it is the master's. Transforms are absolute, of every object that moved since the base
 //! (or since the manifest). A node keeps the sets of the last [`BASE_WINDOW`] frames that it acknowledged.
 
 pub mod codec;
@@ -56,14 +60,14 @@ use thiserror::Error;
 pub use codec::CodecError;
 pub use frame::{Budget, Frame, FrameView, Moved};
 pub use message::{
-    Bye, ByeCode, ChunkHello, ChunkReply, Hello, Manifest, Opening, Piece, SectionRef, Stats, ToMaster, ToTile, ViewSpec, Want,
-    Welcome,
+    Bye, ByeCode, ChunkHello, ChunkReply, Hello, Manifest, Opening, Piece, Ping, Pong, SectionRef, Shown, Stats, ToMaster,
+    ToTile, ViewSpec, Want, Welcome,
 };
 
 use crate::scene::MAX_CHUNK_BYTES;
 
 /// Version of the protocol. Master and nodes speak only their own.
-pub const PROTOCOL_VERSION: u32 = 1;
+pub const PROTOCOL_VERSION: u32 = 2;
 /// First bytes of a greeting, after its tag.
 pub const MAGIC: [u8; 4] = *b"MULL";
 

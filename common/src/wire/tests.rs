@@ -54,6 +54,7 @@ fn frame() -> Frame {
             eye: DVec3::new(0.0, 0.0, 2.0),
             budget: Budget { triangles: Some(1000), gpu_us: None },
             leaves: VisibleDelta { removed: set(&[(0, 1)]), added: set(&[(5, 8), (300, 500)]) },
+            digest: 0x0102,
         }],
         moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
     }
@@ -82,7 +83,7 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("hello", bytes(|out| hello().encode(out))),
         ("chunk hello", bytes(|out| Opening::Chunks(ChunkHello { session: 0x0102 }).encode(out))),
-        ("ready", bytes(|out| ToMaster::Ready { frame: 258 }.encode(out))),
+        ("ready", bytes(|out| ToMaster::Ready { frame: 258, shown: Some(Shown { frame: 257, at_us: 7 }) }.encode(out))),
         ("stats", bytes(|out| ToMaster::Stats(stats).encode(out))),
         ("bye to master", bytes(|out| ToMaster::Bye(bye.clone()).encode(out))),
         ("welcome", bytes(|out| welcome().encode(out))),
@@ -95,6 +96,8 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
         ("piece", bytes(|out| ChunkReply::Piece(Piece { hash, offset: 2, total: 5, bytes: b"cde" }).encode(out))),
         ("absent", bytes(|out| ChunkReply::Absent { hash }.encode(out))),
         ("bye on chunks", bytes(|out| ChunkReply::Bye(bye.clone()).encode(out))),
+        ("ping", bytes(|out| ToMaster::Ping(Ping { at_us: 258 }).encode(out))),
+        ("pong", bytes(|out| ToTile::Pong(Pong { at_us: 258, master_us: 3 }).encode(out))),
     ]
 }
 
@@ -102,15 +105,15 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
 fn golden_bytes() {
     let ab = "ab".repeat(32);
     let golden = [
-        ("hello", format!("01 4d554c4c01000000 0400000000000000 74317830 01 0200000000000000 0708 0100000000000000 {ab}")),
-        ("chunk hello", "02 4d554c4c01000000 0201000000000000".into()),
-        ("ready", "03 0201000000000000".into()),
+        ("hello", format!("01 4d554c4c02000000 0400000000000000 74317830 01 0200000000000000 0708 0100000000000000 {ab}")),
+        ("chunk hello", "02 4d554c4c02000000 0201000000000000".into()),
+        ("ready", "03 0201000000000000 01 0101000000000000 0700000000000000".into()),
         ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
         ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
         (
             "welcome",
             format!(
-                "06 01000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
+                "06 02000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
                  01000000 {} 80020000 e0010000 {} {} 0500000000000000",
                 f64s(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
                 f64s(&[0.25]),
@@ -121,7 +124,7 @@ fn golden_bytes() {
         (
             "frame",
             format!(
-                "08 0900000000000000 01000000 {} {} {} 010800000000000000 01000000 01000000 {} 01e8030000 00 \
+                "08 0900000000000000 01000000 {} {} {} 010800000000000000 01000000 01000000 {} 01e8030000 00 0201000000000000 \
                  01 00 00  02 05 02 a302 c701  06000000 {}",
                 f64s(&[0.5]),
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0]),
@@ -137,6 +140,8 @@ fn golden_bytes() {
         ("piece", format!("0c {ab} 0200000000000000 0500000000000000 636465")),
         ("absent", format!("0d {ab}")),
         ("bye on chunks", "05 03000000 0200000000000000 6e6f".into()),
+        ("ping", "0e 0201000000000000".into()),
+        ("pong", "0f 0201000000000000 0300000000000000".into()),
     ];
     for ((name, bytes), (golden_name, golden)) in samples().iter().zip(golden) {
         assert_eq!(*name, golden_name);
@@ -238,14 +243,14 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn no_bytes_make_a_decoder_panic(tag in 0..16u8, rest in proptest::collection::vec(any::<u8>(), 0..300)) {
+    fn no_bytes_make_a_decoder_panic(tag in 0..18u8, rest in proptest::collection::vec(any::<u8>(), 0..300)) {
         decode_all(&[&[tag][..], &rest].concat());
         decode_all(&[&[tag][..], &MAGIC, &PROTOCOL_VERSION.to_le_bytes(), &rest].concat());
     }
 
     #[test]
     fn mutated_messages_do_not_panic(
-        which in 0..15usize, edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        which in 0..17usize, edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         keep in any::<prop::sample::Index>(), cut in any::<bool>(),
     ) {
         let mut body = body_of(&samples()[which].1).to_vec();

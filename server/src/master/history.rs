@@ -82,6 +82,7 @@ impl History {
         for (view, out) in views.iter().map(|v| usize::from(v.0)).zip(&mut frame.views) {
             out.eye = self.eyes[view];
             out.leaves.between(base.map_or(&nothing, |base| &base.sets[view]), &newest.sets[view]);
+            out.digest = newest.sets[view].digest();
         }
         frame.moved.clear();
         let is_news = |at: &&MovedAt| base.is_none_or(|base| at.frame > base.number);

@@ -20,15 +20,15 @@ use mullion_common::scene::ChunkHash;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, ChunkHello, Frame, Hello, Manifest, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION,
-    SILENCE_LIMIT, SectionRef, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
+    ALIVE_EVERY, Bye, ByeCode, ChunkHello, Frame, Hello, Manifest, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Pong,
+    SILENCE_LIMIT, SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
 };
 
 use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, Standing, SwapBarrier};
 use history::History;
 pub use outbox::{Full, Kind, MAX_QUEUED, Message, Outbox};
 
-/// Most connections that have not said yet who they are.
+/// Most connections that have not said yet who they are, beside one for each node of the wall.
 pub const MAX_UNNAMED: usize = 64;
 /// How long a node must have said nothing before a new connection may take its name.
 pub const TAKEOVER_AFTER: Duration = Duration::from_secs(3);
@@ -107,6 +107,13 @@ pub enum Output {
     },
     /// The frame was released.
     FrameReleased(FrameReleased),
+    /// A node says when it showed a frame.
+    Shown {
+        /// Which node.
+        node: NodeIndex,
+        /// Which frame and when, by the node's estimate of the time that `now` tells.
+        shown: Shown,
+    },
     /// Call [`Master::begin_frame`] with that number.
     WantFrame {
         /// The number.
@@ -116,11 +123,22 @@ pub enum Output {
     Finished,
 }
 
+/// Parts of the work on a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// What each view gains and loses.
+    Diff,
+    /// The bytes of messages.
+    Encode,
+}
+
 /// A frame that was released.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameReleased {
     /// Its number.
     pub number: u64,
+    /// When it was due, by the pace of the show.
+    pub due: Duration,
     /// Time since it began.
     pub waited: Duration,
     /// Nodes that held it up and are not waited for any more.
@@ -221,8 +239,9 @@ impl Master {
         self.peers.insert(peer, Peer::Unnamed { deadline: now + OPENING_LIMIT });
         if self.phase == Phase::Over {
             self.dismiss(peer, Bye::new(ByeCode::EndOfShow, "the show is over"));
-        } else if unnamed >= MAX_UNNAMED {
-            self.dismiss(peer, Bye::new(ByeCode::TooMany, format!("{MAX_UNNAMED} connections have not said who they are")));
+        } else if unnamed >= MAX_UNNAMED + self.nodes.len() {
+            // A wall that is switched on greets from all its nodes at once.
+            self.dismiss(peer, Bye::new(ByeCode::TooMany, format!("{unnamed} connections have not said who they are")));
         }
     }
 
@@ -271,8 +290,9 @@ impl Master {
         let Some(connection) = &mut state.connection else { return };
         connection.heard = now;
         match message {
-            ToMaster::Ready { frame } => match self.barrier.ready(node, frame, now) {
+            ToMaster::Ready { frame, shown } => match self.barrier.ready(node, frame, now) {
                 Some(show_now) => {
+                    self.outputs.extend(shown.map(|shown| Output::Shown { node, shown }));
                     connection.acked = connection.acked.max(Some(frame));
                     if show_now == ShowNow::Yes {
                         self.send(node, &ToTile::Swap { frame }, Kind::Swap, now);
@@ -284,6 +304,10 @@ impl Master {
                     self.dismiss(peer, Bye::new(ByeCode::Malformed, reason));
                 }
             },
+            ToMaster::Ping(ping) => {
+                let pong = Pong { at_us: ping.at_us, master_us: now.as_micros() as u64 };
+                self.send(node, &ToTile::Pong(pong), Kind::Alive, now);
+            }
             ToMaster::Stats(stats) => state.stats = stats,
             ToMaster::Bye(bye) => self.drop_peer(peer, bye),
         }
@@ -332,11 +356,12 @@ impl Master {
         unnamed.chain(connected).chain(beat).min()
     }
 
-    /// Begins the frame that was wanted, and sends it to every node.
+    /// Begins the frame that was wanted, and sends it to every node. `is_done` is called whenever part of a stage is done, for those
+    /// who have a clock.
     ///
     /// # Panics
     /// When the number is not the one wanted, or eyes and sets are not one for each view: the shell is wrong.
-    pub fn begin_frame(&mut self, input: &FrameInput<'_>, now: Duration) {
+    pub fn begin_frame(&mut self, input: &FrameInput<'_>, now: Duration, is_done: &mut dyn FnMut(Stage)) {
         assert!(self.phase == Phase::Wanted && input.number == self.next_frame, "frame {} is not wanted", input.number);
         assert_eq!(input.sets.len(), self.wall.views().len(), "a set for each view");
         assert_eq!(input.eyes.len(), self.wall.views().len(), "an eye for each view");
@@ -345,7 +370,7 @@ impl Master {
         self.phase = Phase::Running;
         self.barrier.begin(input.number, now);
         for node in 0..self.nodes.len() as u16 {
-            self.send_frame(NodeIndex(node), now);
+            self.send_frame(NodeIndex(node), now, is_done);
         }
         self.advance(now);
     }
@@ -439,7 +464,7 @@ impl Master {
         self.send(node, &ToTile::Welcome(welcome), Kind::Control, now);
         let manifest = Manifest { epoch: self.epoch, sections: self.options.sections.clone() };
         self.send(node, &ToTile::Manifest(manifest), Kind::Control, now);
-        self.send_frame(node, now);
+        self.send_frame(node, now, &mut |_| {});
     }
 
     fn open_chunks(&mut self, peer: PeerId, hello: ChunkHello) {
@@ -482,7 +507,8 @@ impl Master {
                 self.nodes[usize::from(node.0)].passed_over += 1;
             }
             let (number, waited, passed_over) = (release.number, release.waited, release.passed_over);
-            self.outputs.push_back(Output::FrameReleased(FrameReleased { number, waited, passed_over, shown_by }));
+            let due = self.beat;
+            self.outputs.push_back(Output::FrameReleased(FrameReleased { number, due, waited, passed_over, shown_by }));
             let due = match self.options.pace {
                 Pace::AsFastAsPossible => now,
                 Pace::Every(period) => (self.beat + period).max(now),
@@ -505,7 +531,7 @@ impl Master {
         }
     }
 
-    fn send_frame(&mut self, node: NodeIndex, now: Duration) {
+    fn send_frame(&mut self, node: NodeIndex, now: Duration, is_done: &mut dyn FnMut(Stage)) {
         if self.history.newest().is_none() {
             return;
         }
@@ -513,9 +539,11 @@ impl Master {
         let Some(connection) = &state.connection else { return };
         let mut frame = std::mem::take(&mut self.scratch);
         self.history.write(&state.views, connection.acked, self.epoch, &mut frame);
+        is_done(Stage::Diff);
         let mut bytes = self.pool.pop().unwrap_or_default();
         let result = frame.encode(&mut bytes);
         self.scratch = frame;
+        is_done(Stage::Encode);
         self.nodes[usize::from(node.0)].frame_bytes = bytes.len() as u32;
         self.send_encoded(node, result, Message { kind: Kind::Frame, bytes }, now);
     }

@@ -5,6 +5,7 @@ use std::io;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 
 use futures_util::StreamExt;
 use mullion_common::scene::ChunkHash;
@@ -49,6 +50,8 @@ pub(super) struct Connection {
     pub events: mpsc::Sender<Event>,
     pub blobs: Arc<Blobs>,
     pub chunk_bytes: Arc<AtomicU64>,
+    /// Time spent writing mail, nanoseconds.
+    pub write_ns: Arc<AtomicU64>,
 }
 
 type Bodies = FramedRead<OwnedReadHalf, LengthDelimitedCodec>;
@@ -76,7 +79,11 @@ impl Connection {
     /// Returns once the mailbox is closed and empty, or the peer does not take what is sent.
     async fn write_mail(&self, writer: &tokio::sync::Mutex<OwnedWriteHalf>) -> io::Result<()> {
         while let Some(message) = self.mailbox.next().await {
-            write_all(&mut *writer.lock().await, &message.bytes).await?;
+            let mut writer = writer.lock().await;
+            let before = Instant::now();
+            write_all(&mut writer, &message.bytes).await?;
+            self.write_ns.fetch_add(before.elapsed().as_nanos() as u64, Ordering::Relaxed);
+            drop(writer);
             self.mailbox.spent(message.bytes);
         }
         Ok(())

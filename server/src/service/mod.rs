@@ -20,13 +20,13 @@ use std::time::{Duration, Instant};
 use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES};
+use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES, Shown};
 use thiserror::Error;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 
-use crate::master::{FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId};
+use crate::master::{FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage};
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
 use blobs::Blobs;
 use connection::{Connection, Event, Role};
@@ -105,6 +105,9 @@ pub enum NodeEvent {
 /// Is told of nodes that come and go. Must be quick: the wall waits.
 pub type NodeObserver = Box<dyn FnMut(&NodeEvent) + Send>;
 
+/// Is told when a node showed a frame, as the node says. Must be quick: the wall waits.
+pub type ShownObserver = Box<dyn FnMut(NodeIndex, &Shown) + Send>;
+
 /// All that a show needs.
 pub struct Show {
     /// The wall.
@@ -121,6 +124,8 @@ pub struct Show {
     pub observer: Observer,
     /// Who is told of nodes.
     pub node_observer: NodeObserver,
+    /// Who is told when nodes showed what.
+    pub shown_observer: ShownObserver,
     /// Turns true when the show is to end.
     pub stop: Option<watch::Receiver<bool>>,
 }
@@ -130,10 +135,16 @@ pub struct Show {
 pub struct FrameReport {
     /// Its number.
     pub number: u64,
+    /// When it was due by the rate of the show, since the show's start: the clock of [`Shown::at_us`].
+    pub due: Duration,
     /// Time for the cull.
     pub cull: Duration,
-    /// Time to find the deltas, encode them and queue them.
+    /// Time to find the deltas.
+    pub diff: Duration,
+    /// Time to encode and queue them.
     pub encode: Duration,
+    /// Time spent writing messages since the frame before was released.
+    pub send: Duration,
     /// Time from the frame's beginning to its release.
     pub waited: Duration,
     /// Bytes of each node's frame message, by `NodeIndex`; 0 for nodes that are not connected.
@@ -212,13 +223,14 @@ pub async fn serve(listener: TcpListener, show: Show) -> Result<ShowReport, Serv
         master: Master::new(Arc::clone(&show.wall), options, Duration::ZERO),
         started: Instant::now(),
         sets: vec![VisibleSet::default(); show.wall.views().len()],
-        max_connections: MAX_UNNAMED + 2 * show.wall.nodes().len(),
+        max_connections: MAX_UNNAMED + 3 * show.wall.nodes().len(),
         links: BTreeMap::new(),
         tasks: JoinSet::new(),
         next_peer: 0,
         events,
         blobs: Arc::new(blobs),
         chunk_bytes: Arc::default(),
+        write_ns: Arc::default(),
         frame: FrameReport::default(),
         report: ShowReport::default(),
         is_finished: false,
@@ -260,6 +272,7 @@ struct Service {
     events: mpsc::Sender<Event>,
     blobs: Arc<Blobs>,
     chunk_bytes: Arc<AtomicU64>,
+    write_ns: Arc<AtomicU64>,
     frame: FrameReport,
     report: ShowReport,
     is_finished: bool,
@@ -334,7 +347,8 @@ impl Service {
         let mailbox = Arc::new(Mailbox::default());
         self.links.insert(peer, Link { address, mailbox: Arc::clone(&mailbox), role: None, node: None });
         let (events, blobs, chunk_bytes) = (self.events.clone(), Arc::clone(&self.blobs), Arc::clone(&self.chunk_bytes));
-        self.tasks.spawn(Connection { peer, mailbox, events, blobs, chunk_bytes }.run(stream));
+        let write_ns = Arc::clone(&self.write_ns);
+        self.tasks.spawn(Connection { peer, mailbox, events, blobs, chunk_bytes, write_ns }.run(stream));
         self.master.handle_connected(peer, self.now());
     }
 
@@ -417,6 +431,7 @@ impl Service {
                 self.end(link, &bye.reason);
             }
             Output::FrameReleased(released) => self.report_frame(released),
+            Output::Shown { node, shown } => (self.show.shown_observer)(node, &shown),
             Output::WantFrame { number } => self.wanted = Some(number),
             Output::Finished => self.is_finished = true,
         }
@@ -453,15 +468,25 @@ impl Service {
             sets: &self.sets,
             moved: &pose.moved,
         };
-        let before_encode = Instant::now();
-        self.master.begin_frame(&input, self.started.elapsed());
-        self.frame.encode = before_encode.elapsed();
+        let mut before = Instant::now();
+        (self.frame.diff, self.frame.encode) = (Duration::ZERO, Duration::ZERO);
+        self.master.begin_frame(&input, self.started.elapsed(), &mut |stage| {
+            let now = Instant::now();
+            let took = match stage {
+                Stage::Diff => &mut self.frame.diff,
+                Stage::Encode => &mut self.frame.encode,
+            };
+            *took += now - before;
+            before = now;
+        });
     }
 
     fn report_frame(&mut self, released: FrameReleased) {
         self.report.frames += 1;
         let frame = &mut self.frame;
         frame.number = released.number;
+        frame.due = released.due;
+        frame.send = Duration::from_nanos(self.write_ns.swap(0, Ordering::Relaxed));
         frame.waited = released.waited;
         frame.passed_over = released.passed_over;
         frame.shown_by = released.shown_by;

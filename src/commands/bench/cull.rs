@@ -17,7 +17,7 @@ use super::measure::{Case, Contestant, Variant, WARM_UP_FRAMES, measure};
 use super::moving::{self, MovingCase, MovingTable};
 use super::table::{Table, compare};
 use crate::camera::PathSource;
-use crate::commands::demo::grid_wall;
+use crate::commands::demo::{GRID_HZ, grid_wall};
 use crate::commands::prepare::HowToPrepare;
 use crate::files::{claim, is_standard_output, open_named_scene, write_json};
 use crate::pixels::Grid;
@@ -133,7 +133,7 @@ fn measured(
     options: &Options,
     contestants: &[Contestant],
 ) -> Result<Table> {
-    let wall = grid_wall(grid, options.bezel_px)?;
+    let wall = grid_wall(grid, options.bezel_px, GRID_HZ)?;
     let path = source.path(package, &wall, options.frames)?;
     let frames = options.frames.unwrap_or((path.poses().len() as u64).min(DEFAULT_MAX_FRAMES));
     let (tree_bytes, rows) = measure(&Case { package, wall: &wall, path: &path, frames }, contestants)?;
@@ -158,7 +158,7 @@ fn measured_moving(
     options: &Options,
     percent: u8,
 ) -> Result<MovingTable> {
-    let wall = grid_wall(grid, options.bezel_px)?;
+    let wall = grid_wall(grid, options.bezel_px, GRID_HZ)?;
     let path = source.path(package, &wall, options.frames)?;
     let frames = options.frames.unwrap_or((path.poses().len() as u64).min(DEFAULT_MAX_FRAMES));
     let (moving_objects, rows) = moving::measure(&MovingCase { package, wall: &wall, path: &path, frames, percent });

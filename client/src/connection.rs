@@ -1,0 +1,155 @@
+//! Connections to a master: how they are made, kept, and written to.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use mullion_common::wire::{Bye, ByeCode, LENGTH_BYTES, OPENING_LIMIT, SILENCE_LIMIT, WireError};
+use tokio::io::{AsyncRead, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::net::tcp::OwnedWriteHalf;
+use tokio::sync::watch;
+use tokio::time::timeout;
+use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
+
+use crate::node::{NodeError, NodeOptions};
+
+/// A connection that lasted so long was a good one: the next attempt comes soon.
+const GOOD_CONNECTION: Duration = Duration::from_secs(5);
+
+/// When to try again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reconnect {
+    /// First pause; every further one is twice as long.
+    pub first: Duration,
+    /// Longest pause.
+    pub longest: Duration,
+    /// How long to go on without a connection; `None`: for ever.
+    pub give_up_after: Option<Duration>,
+}
+
+impl Default for Reconnect {
+    /// 100 ms, 3 s, for ever.
+    fn default() -> Self {
+        Self { first: Duration::from_millis(100), longest: Duration::from_secs(3), give_up_after: None }
+    }
+}
+
+/// Why there is no connection, as it was told last: one line for each reason, not for each attempt.
+#[derive(Debug, Default)]
+struct Complaint(Option<String>);
+
+impl Complaint {
+    /// Whether the reason is to be told.
+    fn is_new(&mut self, reason: &str) -> bool {
+        let is_new = self.0.as_deref() != Some(reason);
+        if is_new {
+            self.0 = Some(reason.to_owned());
+        }
+        is_new
+    }
+}
+
+/// How a connection ended.
+pub(crate) enum End {
+    /// Worth trying again.
+    Lost(String),
+    /// The master said goodbye.
+    Bye(Bye),
+    /// The painter's side is gone.
+    NobodyThere,
+}
+
+/// Connects to the master and converses with it, again and again, until the master ends the show, refuses the node for good or stays out of
+/// reach, or `nobody_there` comes to an end.
+pub(crate) async fn keep_connected(
+    options: &NodeOptions,
+    nobody_there: impl AsyncFn(),
+    converse: impl AsyncFn(TcpStream) -> End,
+) -> Result<(), NodeError> {
+    let Reconnect { first, longest, give_up_after } = options.reconnect;
+    let mut pause = first;
+    let mut without = Instant::now();
+    let mut complaint = Complaint::default();
+    loop {
+        let mut was_good = false;
+        let end = match connect(&options.master).await {
+            Ok(stream) => {
+                let started = Instant::now();
+                let end = converse(stream).await;
+                was_good = started.elapsed() >= GOOD_CONNECTION;
+                without = Instant::now();
+                end
+            }
+            Err(error) => End::Lost(error.to_string()),
+        };
+        let last = match end {
+            End::NobodyThere => return Ok(()),
+            End::Bye(bye) if bye.code == ByeCode::EndOfShow => return Ok(()),
+            End::Bye(bye) if !bye.code.is_retryable() => return Err(NodeError::Refused(bye)),
+            End::Bye(bye) => bye.to_string(),
+            End::Lost(reason) => reason,
+        };
+        if give_up_after.is_some_and(|limit| without.elapsed() >= limit) {
+            let (master, seconds) = (options.master.clone(), without.elapsed().as_secs_f64());
+            return Err(NodeError::Unreachable { master, seconds, last });
+        }
+        if was_good {
+            pause = first;
+            complaint = Complaint::default();
+        }
+        let (node, master) = (&options.node, &options.master);
+        if complaint.is_new(&last) {
+            tracing::warn!("node {node}: no connection to {master}: {last}; trying again until there is one");
+        } else {
+            tracing::debug!("node {node}: no connection to {master}: {last}; trying again in {} ms", pause.as_millis());
+        }
+        tokio::select! {
+            () = tokio::time::sleep(pause) => {}
+            () = nobody_there() => return Ok(()),
+        }
+        pause = (pause * 2).min(longest);
+    }
+}
+
+pub(crate) async fn stopped(stop: Option<watch::Receiver<bool>>) {
+    if let Some(mut stop) = stop
+        && stop.wait_for(|stop| *stop).await.is_ok()
+    {
+        return;
+    }
+    std::future::pending().await
+}
+
+pub(crate) async fn connect(master: &str) -> io::Result<TcpStream> {
+    let too_slow = || io::Error::new(io::ErrorKind::TimedOut, format!("no answer in {} s", OPENING_LIMIT.as_secs()));
+    let stream = timeout(OPENING_LIMIT, TcpStream::connect(master)).await.map_err(|_| too_slow())??;
+    stream.set_nodelay(true)?;
+    Ok(stream)
+}
+
+pub(crate) fn framed<R: AsyncRead>(reader: R, cap: usize) -> FramedRead<R, LengthDelimitedCodec> {
+    let mut builder = LengthDelimitedCodec::builder();
+    builder.little_endian().length_field_length(LENGTH_BYTES).max_frame_length(cap).new_read(reader)
+}
+
+pub(crate) async fn write_message(
+    writer: &mut OwnedWriteHalf,
+    buffer: &mut Vec<u8>,
+    encode: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>,
+) -> io::Result<()> {
+    encode(buffer).map_err(io::Error::other)?;
+    let too_slow = || io::Error::new(io::ErrorKind::TimedOut, "the master does not read");
+    timeout(SILENCE_LIMIT, writer.write_all(buffer)).await.map_err(|_| too_slow())?
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reason_is_told_once_until_another_comes() {
+        let mut complaint = Complaint::default();
+        let told = ["refused", "refused", "refused", "a namesake", "a namesake", "refused"].map(|r| complaint.is_new(r));
+        assert_eq!(told, [true, false, false, true, false, true]);
+    }
+}

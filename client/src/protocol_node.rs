@@ -1,0 +1,146 @@
+//! A node that takes part in a show without drawing: it applies every frame, holds every set against the master's digest, is ready, and
+//! tells when it was let to show. Hundreds run on one thread: they are for loading a master.
+
+use std::time::{Duration, Instant};
+
+use futures_util::StreamExt;
+use mullion_common::wire::{ALIVE_EVERY, MAX_TO_TILE_BYTES, Opening, SILENCE_LIMIT, ToMaster, ToTile};
+use tokio::net::TcpStream;
+use tokio::net::tcp::OwnedWriteHalf;
+use tokio::sync::Mutex;
+use tokio::time::timeout;
+
+use crate::connection::{End, framed, keep_connected, stopped, write_message};
+use crate::master_clock::{MasterClock, PING_EVERY};
+use crate::node::{NodeError, NodeOptions};
+use crate::tile_session::{Action, DrawStats, EndedBy, TileSession};
+
+/// What such a node did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ProtocolReport {
+    /// Frames applied, every set of which was the master's.
+    pub applied: u64,
+    /// Frames that it was let to show.
+    pub shown: u64,
+    /// Connections that were made.
+    pub connections: u32,
+    /// Connections that it left because what came was not to be believed: a set that is not the master's, most of all.
+    pub left: u32,
+    /// Bytes of frames.
+    pub frame_bytes: u64,
+    /// How far its estimate of the master's clock was off at most, when the last connection ended.
+    pub uncertainty: Option<Duration>,
+}
+
+/// Runs such a node until the show ends, its `stop` turns true, or the master refuses it for good.
+///
+/// # Errors
+/// When the master refuses the node for good or stays out of reach.
+pub async fn run(options: NodeOptions) -> Result<ProtocolReport, NodeError> {
+    let session = TileSession::without_scene(options.node.clone(), options.credentials.clone());
+    let (report, clock) = (ProtocolReport::default(), MasterClock::default());
+    let node = Mutex::new(Node { session, clock, report, started: Instant::now() });
+    let stop = options.stop.clone();
+    let converse = async |stream| node.lock().await.converse(stream).await;
+    let result = tokio::select! {
+        result = keep_connected(&options, std::future::pending, converse) => result,
+        () = stopped(stop) => Ok(()),
+    };
+    result.map(|()| node.into_inner().report)
+}
+
+struct Node {
+    session: TileSession,
+    clock: MasterClock,
+    report: ProtocolReport,
+    started: Instant,
+}
+
+impl Node {
+    async fn converse(&mut self, stream: TcpStream) -> End {
+        self.report.connections += 1;
+        self.session.connected();
+        let end = self.exchange(stream).await.unwrap_or_else(|end| end);
+        self.report.uncertainty = self.clock.uncertainty();
+        self.clock.forget();
+        self.session.disconnected();
+        end
+    }
+
+    async fn exchange(&mut self, stream: TcpStream) -> Result<End, End> {
+        let (reader, mut writer) = stream.into_split();
+        let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
+        let mut buffer = Vec::new();
+        let lost = |error: std::io::Error| End::Lost(error.to_string());
+        let hello = Opening::Control(self.session.hello());
+        write_message(&mut writer, &mut buffer, |out| hello.encode(out)).await.map_err(lost)?;
+        let mut beat = tokio::time::interval(ALIVE_EVERY);
+        let mut ask = tokio::time::interval(PING_EVERY);
+        loop {
+            tokio::select! {
+                body = timeout(SILENCE_LIMIT, bodies.next()) => {
+                    let body = match body {
+                        Ok(Some(body)) => body.map_err(lost)?,
+                        Ok(None) => return Err(End::Lost("the master closed the connection".into())),
+                        Err(_) => return Err(End::Lost(format!("the master was silent for {} s", SILENCE_LIMIT.as_secs()))),
+                    };
+                    match ToTile::decode(&body) {
+                        Ok(ToTile::Bye(bye)) => return Ok(End::Bye(bye)),
+                        Ok(ToTile::Pong(pong)) => self.clock.take(&pong, self.started.elapsed()),
+                        Ok(message) => {
+                            if let ToTile::Frame(_) = message {
+                                self.report.frame_bytes += body.len() as u64;
+                            }
+                            self.session.handle_message(message);
+                        }
+                        Err(error) => return Err(End::Lost(format!("the master sent what is no message: {error}"))),
+                    }
+                    self.act(&mut writer, &mut buffer).await?;
+                }
+                _ = beat.tick() => {
+                    let stats = ToMaster::Stats(self.session.stats());
+                    write_message(&mut writer, &mut buffer, |out| stats.encode(out)).await.map_err(lost)?;
+                }
+                _ = ask.tick() => {
+                    let ping = ToMaster::Ping(MasterClock::ping(self.started.elapsed()));
+                    write_message(&mut writer, &mut buffer, |out| ping.encode(out)).await.map_err(lost)?;
+                }
+            }
+        }
+    }
+
+    /// Does what the session says.
+    async fn act(&mut self, writer: &mut OwnedWriteHalf, buffer: &mut Vec<u8>) -> Result<(), End> {
+        while let Some(action) = self.session.poll_action() {
+            match action {
+                Action::Send(message) => {
+                    let written = write_message(writer, buffer, |out| message.encode(out)).await;
+                    written.map_err(|error| End::Lost(error.to_string()))?;
+                }
+                Action::Draw(frame) => {
+                    self.report.applied += 1;
+                    let leaves = frame.views.iter().map(|view| view.leaves.len()).sum();
+                    self.session.drawn(frame.number, DrawStats { leaves, ..DrawStats::default() });
+                }
+                Action::Show { frame } => {
+                    self.report.shown += 1;
+                    if let Some(at_us) = self.clock.master_us(self.started.elapsed()) {
+                        self.session.note_shown(frame, at_us);
+                    }
+                }
+                Action::Close { bye, by } => {
+                    if by == EndedBy::Node {
+                        self.report.left += 1;
+                        let message = ToMaster::Bye(bye.clone());
+                        let _ = write_message(writer, buffer, |out| message.encode(out)).await; // it ends either way
+                    }
+                    return Err(End::Lost(bye.to_string()));
+                }
+                // Of the scene, nothing is fetched.
+                Action::Fetch(_) | Action::OpenScene(..) | Action::Upload { .. } | Action::Evict(_) | Action::SetTransform(_) => {
+                }
+            }
+        }
+        Ok(())
+    }
+}

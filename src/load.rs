@@ -1,0 +1,208 @@
+//! What a load test measures: for every frame when it was due, what the master spent on it, and when each tile showed it.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use mullion_common::wire::Shown;
+use mullion_server::service::FrameReport;
+use serde::Serialize;
+
+use crate::say::say;
+use crate::show::Spread;
+
+/// A frame, as it went.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    due_us: u64,
+    /// Cull, diff, encode, send.
+    master_us: [f64; 4],
+    /// Nodes that showed it, the first and the last of them, microseconds.
+    shown: u32,
+    first_us: u64,
+    last_us: u64,
+    passed_over: u32,
+}
+
+/// Takes down what happens while a show runs.
+#[derive(Clone)]
+pub struct Tally(Arc<Mutex<Data>>);
+
+struct Data {
+    nodes: u32,
+    rows: Vec<Row>,
+    /// Shows that were told before their frame's report.
+    early: Vec<Shown>,
+    /// Of each frame and connected node.
+    frame_bytes: Vec<u32>,
+    /// Leaves in all sets.
+    leaves: u64,
+}
+
+impl Tally {
+    /// For a wall of so many nodes.
+    pub fn new(nodes: u32) -> Self {
+        let (rows, early, frame_bytes) = (Vec::new(), Vec::new(), Vec::new());
+        Self(Arc::new(Mutex::new(Data { nodes, rows, early, frame_bytes, leaves: 0 })))
+    }
+
+    /// Takes down how many leaves the sets of a frame hold.
+    pub fn note_leaves(&self, leaves: u64) {
+        self.lock().leaves += leaves;
+    }
+
+    /// Takes down a frame that was released; they come in order.
+    pub fn note_frame(&self, frame: &FrameReport) {
+        let mut data = self.lock();
+        let us = |time: Duration| time.as_secs_f64() * 1e6;
+        let master_us = [us(frame.cull), us(frame.diff), us(frame.encode), us(frame.send)];
+        let passed_over = frame.passed_over.len() as u32;
+        let due_us = frame.due.as_micros() as u64;
+        data.rows.push(Row { due_us, master_us, shown: 0, first_us: u64::MAX, last_us: 0, passed_over });
+        data.frame_bytes.extend(frame.frame_bytes.iter().filter(|bytes| **bytes > 0));
+        for shown in std::mem::take(&mut data.early) {
+            data.note(&shown);
+        }
+    }
+
+    /// Takes down that a node showed a frame.
+    pub fn note_shown(&self, shown: &Shown) {
+        self.lock().note(shown);
+    }
+
+    /// What it comes to, for a show of so many frames a second. The frames before `from` do not count.
+    pub fn verdict(&self, hz: f64, from: usize) -> Verdict {
+        let data = self.lock();
+        let period_us = (1e6 / hz) as u64;
+        // Of the last frame, no node has a later one to tell of it with.
+        let counted = data.rows.get(from..data.rows.len().saturating_sub(1)).unwrap_or_default();
+        let is_on_time = |row: &&Row| row.shown == data.nodes && row.last_us <= row.due_us + period_us;
+        let on_time = counted.iter().filter(is_on_time).count();
+        let all_shown = counted.iter().filter(|row| row.shown > 1);
+        let part = |k: usize| Spread::of(counted.iter().map(|row| row.master_us[k]));
+        let (sent, raw) = (data.frame_bytes.iter().map(|b| u64::from(*b)).sum::<u64>(), data.leaves * size_of::<u32>() as u64);
+        Verdict {
+            frames: counted.len() as u64,
+            on_time_percent: 100.0 * on_time as f64 / counted.len().max(1) as f64,
+            passed_over: counted.iter().map(|row| u64::from(row.passed_over)).sum(),
+            never_shown: counted.iter().map(|row| u64::from(data.nodes - row.shown.min(data.nodes))).sum(),
+            lateness_us: Spread::of(counted.iter().map(|row| row.last_us.saturating_sub(row.due_us) as f64)),
+            skew_us: Spread::of(all_shown.map(|row| (row.last_us - row.first_us) as f64)),
+            master_us: Spread::of(counted.iter().map(|row| row.master_us.iter().sum::<f64>())),
+            cull_us: part(0),
+            diff_us: part(1),
+            encode_us: part(2),
+            send_us: part(3),
+            bytes_per_node_and_frame: Spread::of(data.frame_bytes.iter().map(|bytes| f64::from(*bytes))),
+            raw_ratio: raw as f64 / sent.max(1) as f64,
+            raw_bytes_per_second: raw as f64 / data.rows.len().max(1) as f64 * hz,
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Data> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Data {
+    fn note(&mut self, shown: &Shown) {
+        let released = self.rows.len() as u64;
+        match self.rows.get_mut(shown.frame as usize) {
+            Some(row) => {
+                row.shown += 1;
+                row.first_us = row.first_us.min(shown.at_us);
+                row.last_us = row.last_us.max(shown.at_us);
+            }
+            // A node hears of a release before the report is written; nothing further ahead is true.
+            None if shown.frame == released => self.early.push(*shown),
+            None => {}
+        }
+    }
+}
+
+/// What a load test found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Verdict {
+    /// Frames that count.
+    pub frames: u64,
+    /// Frames that every node showed within one period of when they were due.
+    pub on_time_percent: f64,
+    /// How often a node was passed over.
+    pub passed_over: u64,
+    /// Times that a node did not show a frame.
+    pub never_shown: u64,
+    /// From when a frame was due until the last node showed it.
+    pub lateness_us: Spread,
+    /// From the first node that showed a frame to the last.
+    pub skew_us: Spread,
+    /// The master's work on a frame: the four below.
+    pub master_us: Spread,
+    pub cull_us: Spread,
+    pub diff_us: Spread,
+    pub encode_us: Spread,
+    pub send_us: Spread,
+    /// Bytes of a frame's message.
+    pub bytes_per_node_and_frame: Spread,
+    /// How many times as many bytes the sets would have had as lists of leaf numbers.
+    pub raw_ratio: f64,
+    /// Bytes a second that would have been.
+    pub raw_bytes_per_second: f64,
+}
+
+impl Verdict {
+    /// Prints it.
+    pub fn print(&self) {
+        let line = |name: &str, of: &Spread, unit: &str| {
+            say!("{name:28} {:10.0} {:10.0} {:10.0}  {unit}", of.median, of.p99, of.max);
+        };
+        say!("frames on time               {:9.2} %  of {}", self.on_time_percent, self.frames);
+        say!("passed over, not shown       {:10} {:10}  times", self.passed_over, self.never_shown);
+        say!("{:28} {:>10} {:>10} {:>10}", "", "median", "p99", "max");
+        line("due to shown by the last", &self.lateness_us, "µs");
+        line("swap skew between nodes", &self.skew_us, "µs");
+        line("master's work on a frame", &self.master_us, "µs");
+        line("  cull", &self.cull_us, "µs");
+        line("  diff", &self.diff_us, "µs");
+        line("  encode", &self.encode_us, "µs");
+        line("  send", &self.send_us, "µs");
+        line("frame message", &self.bytes_per_node_and_frame, "bytes a node");
+        let raw_mb = self.raw_bytes_per_second / 1e6;
+        say!("leaf numbers instead         {:10.1} times as many bytes, {raw_mb:.0} MB/s", self.raw_ratio);
+    }
+}
+
+/// Greatest memory that this process has had, bytes; 0 where the system does not tell.
+pub fn peak_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let kib = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+    kib.unwrap_or(0) * 1024
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_is_on_time_when_every_node_showed_it_within_its_period() {
+        let tally = Tally::new(2);
+        let frame =
+            |due_ms: u64| FrameReport { due: Duration::from_millis(due_ms), frame_bytes: vec![100, 0], ..FrameReport::default() };
+        let shown = |frame: u64, at_us: u64| tally.note_shown(&Shown { frame, at_us });
+        shown(0, 1_000); // before the report
+        for due_ms in [0, 100, 200, 300, 400] {
+            tally.note_frame(&frame(due_ms));
+        }
+        shown(0, 99_000);
+        shown(1, 150_000); // by one node alone
+        shown(2, 201_000);
+        shown(2, 301_000); // too late
+        shown(3, 301_000);
+        shown(3, 302_500);
+        shown(99, 0); // a lie
+        tally.note_leaves(1000);
+        let verdict = tally.verdict(10.0, 0);
+        assert_eq!((verdict.frames, verdict.on_time_percent, verdict.never_shown), (4, 50.0, 1));
+        assert_eq!((verdict.skew_us.max, verdict.lateness_us.max), (100_000.0, 101_000.0));
+        assert_eq!(tally.verdict(10.0, 3).skew_us.median, 1500.0);
+        assert_eq!(verdict.raw_ratio, 4000.0 / 500.0);
+    }
+}

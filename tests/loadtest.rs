@@ -1,0 +1,40 @@
+//! `mullion loadtest` as users run it: every node in step, every set the master's. Times are never looked at.
+
+mod support;
+
+use std::fs;
+use std::time::Duration;
+
+use serde_json::Value;
+use support::mullion;
+use tempfile::TempDir;
+
+/// Generous for a debug build on a busy machine; a hang is longer.
+const LIMIT: Duration = Duration::from_secs(60);
+
+#[test]
+fn a_wall_of_processes_takes_every_set_as_the_master_has_it() {
+    let folder = TempDir::new().expect("a folder");
+    let json = folder.path().join("load.json").display().to_string();
+    let arguments = ["loadtest", "--scene", "palace", "--grid", "3x2", "--processes", "2", "--seconds", "1", "--hz", "20"];
+    let outcome = mullion(&[&arguments[..], &["--on-time", "0", "--json", &json]].concat(), LIMIT);
+    assert_eq!((outcome.code, outcome.err.as_str()), (Some(0), ""), "{}", outcome.out);
+    assert!(outcome.out.contains("6 nodes in 2 processes"), "{}", outcome.out);
+    let report: Value = serde_json::from_slice(&fs::read(&json).expect("a report")).expect("JSON");
+    assert_eq!((report["nodes"].as_u64(), report["processes"].as_u64(), report["frames"].as_u64()), (Some(6), Some(2), Some(20)));
+    let done = &report["done"];
+    assert_eq!((done["connections"].as_u64(), done["left"].as_u64()), (Some(6), Some(0)));
+    // A node that is passed over may leave out frames, not more than there are.
+    let (applied, frames) = (done["applied"].as_u64().expect("a count"), 20 + 20 + 1);
+    assert!((6..=6 * frames).contains(&applied), "{applied}");
+    assert!(report["bytes_per_node_and_frame"]["median"].as_f64().expect("bytes") > 100.0);
+}
+
+#[test]
+fn what_was_asked_for_and_not_reached_is_an_error() {
+    let outcome = mullion(&["loadtest", "--scene", "palace", "--grid", "1x1", "--seconds", "1", "--hz", "nonsense"], LIMIT);
+    assert_eq!(outcome.code, Some(2));
+    let outcome = mullion(&["loadtest", "--scene", "nowhere.glb", "--grid", "1x1"], LIMIT);
+    assert_eq!(outcome.code, Some(2));
+    assert!(outcome.err.contains("nowhere.glb"), "{}", outcome.err);
+}
