@@ -31,6 +31,26 @@ fn a_wall_of_processes_takes_every_set_as_the_master_has_it() {
 }
 
 #[test]
+fn a_process_dies_and_another_hangs_and_no_set_is_wrong() {
+    let folder = TempDir::new().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (json, faults) = (at("load.json"), at("faults.json"));
+    let what = r#"[{"at_s": 0.1, "process": 1, "what": "kill", "for_ms": 100},
+                   {"at_s": 0.4, "process": 0, "what": "hang", "for_ms": 100}]"#;
+    fs::write(&faults, what).expect("written");
+    let arguments = ["loadtest", "--scene", "palace", "--grid", "2x2", "--processes", "2", "--seconds", "2", "--hz", "20"];
+    let outcome = mullion(&[&arguments[..], &["--faults", &faults, "--json", &json]].concat(), LIMIT);
+    // Whether all came back in time is the machine's matter.
+    let report: Value = serde_json::from_slice(&fs::read(&json).expect("a report")).expect("JSON");
+    let (bearing, done) = (&report["bearing"], &report["done"]);
+    assert_eq!((bearing["kills"].as_u64(), bearing["hangs"].as_u64()), (Some(1), Some(1)), "{}", outcome.err);
+    assert_eq!((done["left"].as_u64(), report["frames"].as_u64()), (Some(0), Some(40)));
+    let missing = mullion(&[&arguments[..], &["--faults", &at("nowhere.json")]].concat(), LIMIT);
+    assert_eq!(missing.code, Some(2));
+    assert!(missing.err.contains("nowhere.json"), "{}", missing.err);
+}
+
+#[test]
 fn what_was_asked_for_and_not_reached_is_an_error() {
     let outcome = mullion(&["loadtest", "--scene", "palace", "--grid", "1x1", "--seconds", "1", "--hz", "nonsense"], LIMIT);
     assert_eq!(outcome.code, Some(2));

@@ -2,12 +2,11 @@
 
 use std::net::TcpListener;
 use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
+use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail, ensure};
-use mullion_common::wall::Wall;
+use anyhow::{Context, Result, anyhow, ensure};
 use mullion_server::cull::Algorithm;
 use mullion_server::service::{self, FrameReport, Rate, Show, ShowOptions};
 use serde::Serialize;
@@ -17,7 +16,9 @@ use super::load_nodes::Done;
 use super::prepare::HowToPrepare;
 use crate::camera::PathSource;
 use crate::files::{claim, open_named_scene, open_wall, write_json};
-use crate::load::{Tally, Verdict, peak_bytes};
+use crate::load::clients::{ClientProcesses, Clients};
+use crate::load::faults::{self, Faults};
+use crate::load::{Bearing, Tally, Verdict, peak_bytes};
 use crate::pixels::Grid;
 use crate::progress::Progress;
 use crate::say::say;
@@ -50,26 +51,22 @@ pub struct Options {
     /// Camera path: a file, or a walk made for the scene: orbit, whole, interior, flythrough, pan.
     #[arg(long, value_name = "FILE|NAME", default_value = "interior")]
     path: String,
-    /// The test is passed when so many percent of the frames are shown by every node within a frame's time.
-    #[arg(long, allow_negative_numbers = true, value_name = "PERCENT", default_value_t = 99.5)]
-    on_time: f64,
+    /// The test is passed when so many percent of the frames are shown by every node within a frame's time; 99.5 if left out, 0
+    /// with faults.
+    #[arg(long, allow_negative_numbers = true, value_name = "PERCENT")]
+    on_time: Option<f64>,
+    /// Let processes of nodes die and hang: at random from a seed, or as a JSON file lists
+    /// ([{"at_s": 2.5, "process": 0, "what": "kill" or "hang", "for_ms": 300}, …]).
+    #[arg(long, value_name = "SEED|FILE")]
+    faults: Option<String>,
+    /// Milliseconds between random faults.
+    #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(50..=3_600_000))]
+    fault_every: u64,
     /// Write every figure (JSON; `-` for standard output).
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     #[command(flatten)]
     how: HowToPrepare,
-}
-
-/// What nodes do in a load test.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, Serialize)]
-#[serde(rename_all = "lowercase")]
-enum Clients {
-    /// Take every frame, check every set, keep in step; draw nothing.
-    Protocol,
-    /// Draw without a window.
-    Headless,
-    /// Draw in windows.
-    Real,
 }
 
 /// All that a load test has found.
@@ -83,15 +80,15 @@ struct Report {
     hz: f64,
     #[serde(flatten)]
     verdict: Verdict,
-    /// Of all processes of protocol clients.
+    /// Where there were faults.
+    bearing: Option<Bearing>,
+    /// Of all processes of protocol clients, since each was last started.
     done: Done,
     master_peak_bytes: u64,
 }
 
 /// How long the first frame waits for all nodes.
 const START_WAIT: Duration = Duration::from_secs(30);
-/// How long client processes may take to end after the show.
-const END_WAIT: Duration = Duration::from_secs(10);
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
@@ -102,7 +99,9 @@ pub fn run(options: &Options) -> Result<()> {
     let wall = Arc::new(wall);
     let hz = options.hz.unwrap_or(wall.rate_hz());
     ensure!((1.0..=1000.0).contains(&hz), "--hz: {hz} is outside 1 to 1000 frames a second");
-    ensure!((0.0..=100.0).contains(&options.on_time), "--on-time: {} is outside 0 to 100 percent", options.on_time);
+    let least_on_time = options.on_time.unwrap_or(if options.faults.is_some() { 0.0 } else { 99.5 });
+    ensure!((0.0..=100.0).contains(&least_on_time), "--on-time: {least_on_time} is outside 0 to 100 percent");
+    let faults = options.faults.as_deref().map(Faults::open).transpose().context("--faults")?;
     let path = PathSource::open(&options.path).context("--path")?;
     options.json.as_deref().map_or(Ok(()), claim)?;
     let package = Arc::new(open_named_scene(&options.scene, &options.how.options()?)?);
@@ -118,8 +117,17 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.rate = Rate::Hz(hz);
     show_options.barrier_wait = Duration::from_secs_f64(1.0 / hz) + service::BARRIER_GRACE;
 
-    let mut clients = start_clients(options, &wall, &address)?;
-    let processes = clients.0.len();
+    let clients = ClientProcesses::start(options.clients, &wall, &address, options.processes as usize)?;
+    let processes = clients.len();
+    let every = Duration::from_millis(options.fault_every);
+    let plan = faults.map_or(Ok(Vec::new()), |faults| faults.plan(processes, f64::from(options.seconds), every))?;
+    let (first_frame, first_frame_seen) = mpsc::sync_channel(1);
+    let (over, is_over) = mpsc::channel();
+    let trouble = thread::spawn(move || {
+        // Without a first frame there is nothing to disturb.
+        let start = first_frame_seen.recv().unwrap_or_else(|_| Instant::now());
+        faults::happen(&plan, clients, start + Duration::from_secs(1), &is_over)
+    });
     let progress = Progress::new();
     let (of_frames, of_shows, of_leaves) = (tally.clone(), tally.clone(), tally.clone());
     let mut cull = show::culler(Algorithm::Sweep, &wall, &package);
@@ -131,16 +139,19 @@ pub fn run(options: &Options) -> Result<()> {
         }),
         observer: Box::new(move |frame: &FrameReport| {
             of_frames.note_frame(frame);
+            let _ = first_frame.try_send(Instant::now()); // it was told of the first one
             progress.show("showing", frame.number + 1, frames);
         }),
         node_observer: Box::new(|_| {}),
-        shown_observer: Box::new(move |_, shown| of_shows.note_shown(shown)),
+        shown_observer: Box::new(move |node, shown| of_shows.note_shown(node, shown)),
         stop: Some(show::stop_on_interrupt()?.subscribe()),
         options: show_options,
         wall: Arc::clone(&wall),
         package: Arc::clone(&package),
     };
     service::run(listener, show)?;
+    drop(over);
+    let (clients, happened) = trouble.join().map_err(|_| anyhow!("the thread that makes trouble ended unexpectedly"))??;
     let report = Report {
         scene: options.scene.clone(),
         wall: wall.name().to_owned(),
@@ -149,80 +160,27 @@ pub fn run(options: &Options) -> Result<()> {
         clients: options.clients,
         hz,
         verdict: tally.verdict(hz, warm_up as usize),
-        done: clients.finish(options.clients)?,
+        bearing: options.faults.as_ref().map(|_| tally.bearing(&happened)),
+        done: clients.finish()?,
         master_peak_bytes: peak_bytes(),
     };
     report.print();
     options.json.as_ref().map_or(Ok(()), |path| write_json(&report, path))?;
     let on_time = report.verdict.on_time_percent;
-    if report.done.left > 0 {
-        bail!("{} times a node was sent what is not the master's set", report.done.left);
-    }
-    ensure!(on_time >= options.on_time, "{on_time:.2} % of the frames were on time; {} % were asked for", options.on_time);
+    ensure!(report.done.left == 0, "{} times a node was sent what is not the master's set", report.done.left);
+    ensure!(on_time >= least_on_time, "{on_time:.2} % of the frames were on time; {least_on_time} % were asked for");
+    let (next, back) = (Bearing::NEXT_FRAME_MS, Bearing::BACK_MS);
+    let is_borne = report.bearing.as_ref().is_none_or(Bearing::is_good);
+    ensure!(is_borne, "a fault held up the wall for more than {next} ms, or a node was not back after {back} ms");
     Ok(())
-}
-
-/// Client processes; what of them still runs when this is dropped is ended.
-struct ClientProcesses(Vec<Child>);
-
-fn start_clients(options: &Options, wall: &Wall, address: &str) -> Result<ClientProcesses> {
-    let program = std::env::current_exe().context("cannot find this program to start nodes")?;
-    let names: Vec<&str> = wall.nodes().iter().map(|node| node.name.as_str()).collect();
-    let each = match options.clients {
-        Clients::Protocol => names.len().div_ceil(options.processes as usize),
-        Clients::Headless | Clients::Real => 1,
-    };
-    let mut processes = ClientProcesses(Vec::new());
-    for names in names.chunks(each) {
-        let mut command = Command::new(&program);
-        match options.clients {
-            Clients::Protocol => command.arg("load-nodes"),
-            Clients::Headless | Clients::Real => command.args(["tile", "--give-up-after", "5"]),
-        };
-        command.args(["--master", address]).args(names).stdin(Stdio::null());
-        if options.clients == Clients::Headless {
-            command.args(["--headless", "loadtest"]);
-        }
-        let child = command.stdout(Stdio::piped()).spawn().context("cannot start a node")?;
-        processes.0.push(child);
-    }
-    Ok(processes)
-}
-
-impl ClientProcesses {
-    /// Waits for all to end and adds up what they did.
-    fn finish(&mut self, clients: Clients) -> Result<Done> {
-        let end = Instant::now() + END_WAIT;
-        let mut sum = Done::default();
-        for child in &mut self.0 {
-            while child.try_wait()?.is_none() {
-                ensure!(Instant::now() < end, "a node has not ended {} s after the show", END_WAIT.as_secs());
-                std::thread::sleep(Duration::from_millis(5));
-            }
-            let text = child.stdout.take().map(std::io::read_to_string).transpose()?.unwrap_or_default();
-            if clients == Clients::Protocol {
-                let done: Done = serde_json::from_str(&text).context("a process of nodes failed")?;
-                sum.add(&done);
-            }
-        }
-        Ok(sum)
-    }
-}
-
-impl Drop for ClientProcesses {
-    fn drop(&mut self) {
-        for child in &mut self.0 {
-            let _ = child.kill(); // ended already
-            let _ = child.wait(); // nothing is left of it then
-        }
-    }
 }
 
 impl Report {
     fn print(&self) {
-        let Self { scene, wall, nodes, processes, hz, verdict, done, .. } = self;
+        let Self { scene, wall, nodes, processes, hz, verdict, bearing, done, .. } = self;
         say!("{scene} on {wall}: {nodes} nodes in {processes} processes at {hz} Hz");
         verdict.print();
+        bearing.iter().for_each(Bearing::print);
         let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
         say!(
             "memory at most               {:10.0} MiB, and {:.0} MiB of clients",

@@ -1,14 +1,19 @@
 //! What a load test measures: for every frame when it was due, what the master spent on it, and when each tile showed it.
 
+pub mod clients;
+pub mod faults;
+
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use mullion_common::wire::Shown;
 use mullion_server::service::FrameReport;
+use mullion_server::swap_barrier::NodeIndex;
 use serde::Serialize;
 
 use crate::say::say;
 use crate::show::Spread;
+use faults::{Happened, What};
 
 /// A frame, as it went.
 #[derive(Clone, Copy, Debug)]
@@ -30,6 +35,10 @@ pub struct Tally(Arc<Mutex<Data>>);
 struct Data {
     nodes: u32,
     rows: Vec<Row>,
+    /// When each frame was released.
+    released: Vec<Instant>,
+    /// When it was heard of each node that it had shown a frame: a frame later than it had.
+    shows: Vec<Vec<Instant>>,
     /// Shows that were told before their frame's report.
     early: Vec<Shown>,
     /// Of each frame and connected node.
@@ -42,7 +51,8 @@ impl Tally {
     /// For a wall of so many nodes.
     pub fn new(nodes: u32) -> Self {
         let (rows, early, frame_bytes) = (Vec::new(), Vec::new(), Vec::new());
-        Self(Arc::new(Mutex::new(Data { nodes, rows, early, frame_bytes, leaves: 0 })))
+        let (released, shows) = (Vec::new(), vec![Vec::new(); nodes as usize]);
+        Self(Arc::new(Mutex::new(Data { nodes, rows, released, shows, early, frame_bytes, leaves: 0 })))
     }
 
     /// Takes down how many leaves the sets of a frame hold.
@@ -53,6 +63,7 @@ impl Tally {
     /// Takes down a frame that was released; they come in order.
     pub fn note_frame(&self, frame: &FrameReport) {
         let mut data = self.lock();
+        data.released.push(Instant::now());
         let us = |time: Duration| time.as_secs_f64() * 1e6;
         let master_us = [us(frame.cull), us(frame.diff), us(frame.encode), us(frame.send)];
         let passed_over = frame.passed_over.len() as u32;
@@ -65,8 +76,32 @@ impl Tally {
     }
 
     /// Takes down that a node showed a frame.
-    pub fn note_shown(&self, shown: &Shown) {
-        self.lock().note(shown);
+    pub fn note_shown(&self, node: NodeIndex, shown: &Shown) {
+        let mut data = self.lock();
+        data.shows[usize::from(node.0)].push(Instant::now());
+        data.note(shown);
+    }
+
+    /// How the wall bore what happened.
+    pub fn bearing(&self, happened: &[Happened]) -> Bearing {
+        let data = self.lock();
+        let ms = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e3;
+        let first_from = |times: &[Instant], from: Instant| times.get(times.partition_point(|at| *at < from)).copied();
+        let next = happened.iter().filter_map(|h| Some(ms(h.struck, first_from(&data.released, h.struck)?)));
+        let back_of = |h: &Happened| {
+            let of_nodes = h.nodes.clone().map(|node| Some(ms(h.mended, first_from(&data.shows[node], h.mended)?)));
+            of_nodes.reduce(|a, b| Some(a?.max(b?))).flatten()
+        };
+        let back: Vec<Option<f64>> = happened.iter().map(back_of).collect();
+        let gaps = data.released.windows(2).map(|pair| ms(pair[0], pair[1]));
+        Bearing {
+            kills: happened.iter().filter(|h| h.fault.what == What::Kill).count() as u64,
+            hangs: happened.iter().filter(|h| h.fault.what == What::Hang).count() as u64,
+            next_frame_ms: Spread::of(next),
+            back_ms: Spread::of(back.iter().flatten().copied()),
+            never_back: back.iter().filter(|back| back.is_none()).count() as u64,
+            longest_gap_ms: gaps.fold(0.0, f64::max),
+        }
     }
 
     /// What it comes to, for a show of so many frames a second. The frames before `from` do not count.
@@ -170,6 +205,45 @@ impl Verdict {
     }
 }
 
+/// How a wall bore faults.
+#[derive(Clone, Debug, Serialize)]
+pub struct Bearing {
+    /// Processes ended and started again.
+    pub kills: u64,
+    /// Processes stopped that went on later.
+    pub hangs: u64,
+    /// From a fault to the wall's next frame.
+    pub next_frame_ms: Spread,
+    /// From the mending until it was heard of all nodes concerned that they show frames again.
+    pub back_ms: Spread,
+    /// Faults after which a node did not come back before the end.
+    pub never_back: u64,
+    /// Longest time between two frames of the whole test.
+    pub longest_gap_ms: f64,
+}
+
+impl Bearing {
+    /// Longest wait for the wall's next frame that is borne.
+    pub const NEXT_FRAME_MS: f64 = 100.0;
+    /// Longest way back into the picture that is borne.
+    pub const BACK_MS: f64 = 1000.0;
+
+    /// Prints it.
+    pub fn print(&self) {
+        let line = |name: &str, of: &Spread| say!("{name:28} {:10.0} {:10.0} {:10.0}  ms", of.median, of.p99, of.max);
+        say!("faults                       {:10} killed, {} hung", self.kills, self.hangs);
+        line("  to the wall's next frame", &self.next_frame_ms);
+        line("  back in the picture", &self.back_ms);
+        say!("  never back                 {:10}", self.never_back);
+        say!("  longest gap between frames {:10.0}  ms", self.longest_gap_ms);
+    }
+
+    /// Whether the wall bore it as it should.
+    pub fn is_good(&self) -> bool {
+        self.never_back == 0 && self.next_frame_ms.max <= Self::NEXT_FRAME_MS && self.back_ms.max <= Self::BACK_MS
+    }
+}
+
 /// Greatest memory that this process has had, bytes; 0 where the system does not tell.
 pub fn peak_bytes() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -186,7 +260,7 @@ mod tests {
         let tally = Tally::new(2);
         let frame =
             |due_ms: u64| FrameReport { due: Duration::from_millis(due_ms), frame_bytes: vec![100, 0], ..FrameReport::default() };
-        let shown = |frame: u64, at_us: u64| tally.note_shown(&Shown { frame, at_us });
+        let shown = |frame: u64, at_us: u64| tally.note_shown(NodeIndex(1), &Shown { frame, at_us });
         shown(0, 1_000); // before the report
         for due_ms in [0, 100, 200, 300, 400] {
             tally.note_frame(&frame(due_ms));
@@ -204,5 +278,27 @@ mod tests {
         assert_eq!((verdict.skew_us.max, verdict.lateness_us.max), (100_000.0, 101_000.0));
         assert_eq!(tally.verdict(10.0, 3).skew_us.median, 1500.0);
         assert_eq!(verdict.raw_ratio, 4000.0 / 500.0);
+    }
+
+    #[test]
+    fn a_fault_is_borne_when_frames_go_on_and_nodes_come_back() {
+        let tally = Tally::new(3);
+        let start = Instant::now();
+        let at = |ms: u64| start + Duration::from_millis(ms);
+        {
+            let mut data = tally.lock();
+            data.released = [0, 20, 75, 90].map(at).to_vec();
+            data.shows = vec![[10, 95].map(at).to_vec(), vec![at(10), at(130)], vec![at(5)]];
+        }
+        let happened = |nodes: std::ops::Range<usize>| {
+            let fault = faults::Fault { at_s: 0.0, process: 0, what: What::Kill, for_ms: 0 };
+            Happened { fault, nodes, struck: at(30), mended: at(80) }
+        };
+        let bearing = tally.bearing(&[happened(0..2)]);
+        assert_eq!((bearing.next_frame_ms.max, bearing.back_ms.max, bearing.longest_gap_ms), (45.0, 50.0, 55.0));
+        assert!(bearing.is_good());
+        let bearing = tally.bearing(&[happened(1..3)]);
+        assert_eq!(bearing.never_back, 1, "node 2 shows nothing any more");
+        assert!(!bearing.is_good());
     }
 }
