@@ -3,7 +3,11 @@
 //! bincode 2 with its legacy configuration: little-endian, fixed-width integers, `u32` enum tags, `u64` lengths.
 //! Bulk arrays never pass through here: they follow a header as raw little-endian bytes.
 
-use serde::{Serialize, de::DeserializeOwned};
+use std::fmt;
+use std::marker::PhantomData;
+
+use serde::de::{DeserializeOwned, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use thiserror::Error;
 
 /// Why bytes could not be read.
@@ -16,6 +20,41 @@ pub enum CodecError {
     Trailing { left: usize },
     #[error("{len} bytes where at most {cap} are allowed")]
     TooLarge { len: usize, cap: usize },
+}
+
+/// A list whose memory grows with what is there: nothing is taken for what its count claims.
+#[derive(Serialize)]
+#[serde(transparent)]
+pub struct List<T>(pub Vec<T>);
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        list(deserializer).map(Self)
+    }
+}
+
+/// Reads what [`List`] holds, for fields.
+///
+/// # Errors
+/// The deserializer's.
+pub fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
+    struct Items<T>(PhantomData<T>);
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for Items<T> {
+        type Value = Vec<T>;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("a list")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Vec<T>, A::Error> {
+            let mut list = Vec::new();
+            while let Some(item) = items.next_element()? {
+                list.push(item);
+            }
+            Ok(list)
+        }
+    }
+    deserializer.deserialize_seq(Items(PhantomData))
 }
 
 /// The bytes of `value`.

@@ -90,6 +90,8 @@ struct ViewHead {
 }
 
 const HEAD_CAP: usize = 256;
+/// An eye, no budget, a digest.
+const LEAST_VIEW_BYTES: usize = 24 + 2 + 8;
 const MOVED_BYTES: usize = 4 + size_of::<Transform>();
 
 impl Frame {
@@ -135,7 +137,8 @@ impl Frame {
         finite("scene time", head.scene_time_s.is_finite())?;
         finite("world_from_room", world_from_room.is_finite())?;
         finite("shared eye", shared_eye.is_finite())?;
-        let mut views = Vec::with_capacity(head.views as usize);
+        // No memory for views that the body has no room for.
+        let mut views = Vec::with_capacity((head.views as usize).min(bytes.len() / LEAST_VIEW_BYTES));
         for _ in 0..head.views {
             let ViewHead { eye, budget, digest } = take_head(&mut bytes)?;
             let eye = DVec3::from(eye);

@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::codec::List;
 use super::{
     Frame, MAGIC, MAX_CACHED, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_CREDENTIALS_BYTES, MAX_NAME_BYTES,
     MAX_OPENING_BYTES, MAX_PIECE_BYTES, MAX_REASON_BYTES, MAX_SECTIONS, MAX_TILE_SECTION_BYTES, MAX_TO_MASTER_BYTES,
@@ -271,6 +272,7 @@ pub struct Welcome {
     /// The node as the master knows it.
     pub node: String,
     /// What it draws.
+    #[serde(deserialize_with = "codec::list")]
     pub views: Vec<ViewSpec>,
     /// Frames a second that the wall aims at.
     pub rate_hz: f64,
@@ -295,6 +297,7 @@ pub struct Manifest {
     /// Frames of this epoch speak of this scene.
     pub epoch: u32,
     /// What to fetch before anything can be drawn.
+    #[serde(deserialize_with = "codec::list")]
     pub sections: Vec<SectionRef>,
 }
 
@@ -359,8 +362,8 @@ struct HelloHead {
     magic: [u8; 4],
     version: u32,
     node: String,
-    credentials: Option<Vec<u8>>,
-    cached: Vec<ChunkHash>,
+    credentials: Option<List<u8>>,
+    cached: List<ChunkHash>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -418,6 +421,7 @@ impl Opening {
             Self::Control(hello) => {
                 hello.check()?;
                 let Hello { node, credentials, cached } = hello.clone();
+                let (credentials, cached) = (credentials.map(List), List(cached));
                 let head = HelloHead { magic: MAGIC, version, node, credentials, cached };
                 framed(out, tag::HELLO, MAX_OPENING_BYTES, |out| Ok(codec::encode_into(&head, out)?))
             }
@@ -446,7 +450,7 @@ impl Opening {
         }
         if tag == tag::HELLO {
             let head: HelloHead = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
-            let hello = Hello { node: head.node, credentials: head.credentials, cached: head.cached };
+            let hello = Hello { node: head.node, credentials: head.credentials.map(|list| list.0), cached: head.cached.0 };
             hello.check()?;
             Ok(Self::Control(hello))
         } else {
@@ -596,7 +600,7 @@ impl Want {
         if tag != tag::WANT {
             return Err(WireError::Tag { tag });
         }
-        let hashes: Vec<ChunkHash> = codec::decode::<_, MAX_CHUNK_REQUEST_BYTES>(rest)?;
+        let List(hashes) = codec::decode::<List<ChunkHash>, MAX_CHUNK_REQUEST_BYTES>(rest)?;
         within("wanted blobs", hashes.len(), MAX_WANTED)?;
         Ok(Self { hashes })
     }

@@ -1,0 +1,107 @@
+//! Goal: no bytes from outside make a decoder panic, or take more memory than its caps allow.
+//! Method: the messages in `tests/seeds`, bent and cut at random, and plain random bytes, into every decoder, with allocations counted. For
+//! longer: `BOLERO_RANDOM_ITERATIONS=10000000 BOLERO_RANDOM_SEED=2 cargo test --release -p mullion-common --test decoders`; a fuzzer goes on
+//! from there: `cargo bolero test -p mullion-common --test decoders messages`.
+
+use std::fs;
+use std::hint::black_box;
+use std::path::Path;
+
+use bolero::{ValueGenerator, check, produce};
+use mullion_common::camera_path::CameraPath;
+use mullion_common::scene::{GeometryChunk, Package, SceneManifest};
+use mullion_common::wall::WallConfig;
+use mullion_common::wire::{
+    ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_OPENING_BYTES, MAX_TO_MASTER_BYTES, MAX_TO_TILE_BYTES,
+    Opening, ToMaster, ToTile, Want,
+};
+
+/// The bodies of all messages, each in a file.
+fn seeds() -> Vec<Vec<u8>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/seeds");
+    let mut files: Vec<_> = fs::read_dir(folder).expect("seeds").map(|entry| entry.expect("a file").path()).collect();
+    files.sort();
+    let seeds: Vec<Vec<u8>> = files.iter().map(|file| fs::read(file).expect("a seed")).collect();
+    assert!(seeds.len() >= 15, "a seed for every message");
+    seeds
+}
+
+/// How to spoil a message.
+#[derive(Clone, Debug)]
+struct Spoiled {
+    seed: u8,
+    /// Where, and what is written there.
+    edits: Vec<(u16, u8)>,
+    /// What is cut out: from where, how much.
+    cut: (u16, u8),
+    /// What is put in: where, and what.
+    splice: (u16, Vec<u8>),
+}
+
+impl Spoiled {
+    fn any() -> impl ValueGenerator<Output = Self> {
+        let edits = produce::<Vec<(u16, u8)>>().with().len(0..6usize);
+        let splice = (produce::<u16>(), produce::<Vec<u8>>().with().len(0..12usize));
+        (produce::<u8>(), edits, (produce::<u16>(), 0..9u8), splice).map_gen(|(seed, edits, cut, splice)| Self {
+            seed,
+            edits,
+            cut,
+            splice,
+        })
+    }
+
+    fn of(&self, seeds: &[Vec<u8>]) -> Vec<u8> {
+        let mut body = seeds[usize::from(self.seed) % seeds.len()].clone();
+        for (at, value) in &self.edits {
+            // The head of a message, where its lengths stand, as often as all of it.
+            let within = if at % 2 == 0 { body.len() } else { body.len().min(48) };
+            body[usize::from(*at) / 2 % within] = *value;
+        }
+        let from = usize::from(self.cut.0) % (body.len() + 1);
+        let to = body.len().min(from + usize::from(self.cut.1));
+        body.drain(from..to);
+        let at = usize::from(self.splice.0) % (body.len() + 1);
+        body.splice(at..at, self.splice.1.iter().copied());
+        body
+    }
+}
+
+/// Whether a decoder keeps to twice its cap, and to what goes with the body's length.
+fn assert_modest(decoder: &str, cap: usize, body: &[u8], decode: impl FnOnce()) {
+    // What texts of the master's claim is taken on trust as far as a mebibyte, the cap of all its messages but frames.
+    const CLAIMED: u64 = 2 << 20;
+    let taken = allocation_counter::measure(decode).bytes_max;
+    let most = (2 * cap as u64).min(64 * body.len() as u64 + CLAIMED);
+    assert!(taken <= most, "{decoder} took {taken} bytes for {} of body", body.len());
+}
+
+fn decode_all(body: &[u8]) {
+    assert_modest("opening", MAX_OPENING_BYTES, body, || drop(black_box(Opening::decode(body))));
+    assert_modest("to master", MAX_TO_MASTER_BYTES, body, || drop(black_box(ToMaster::decode(body))));
+    assert_modest("to tile", MAX_TO_TILE_BYTES, body, || drop(black_box(ToTile::decode(body))));
+    assert_modest("want", MAX_CHUNK_REQUEST_BYTES, body, || drop(black_box(Want::decode(body))));
+    assert_modest("chunk reply", MAX_CHUNK_REPLY_BYTES, body, || drop(black_box(ChunkReply::decode(body))));
+}
+
+#[test]
+fn messages() {
+    let seeds = seeds();
+    seeds.iter().for_each(|seed| decode_all(seed));
+    check!().with_generator(Spoiled::any()).for_each(|spoiled: &Spoiled| decode_all(&spoiled.of(&seeds)));
+}
+
+#[test]
+fn any_bytes() {
+    check!().for_each(|bytes: &[u8]| {
+        decode_all(bytes);
+        let _ = black_box(Package::read(bytes));
+        let quarter = bytes.len() / 4;
+        let sections = [0, 1, 2, 3].map(|k| &bytes[k * quarter..(k + 1) * quarter]);
+        let _ = black_box(SceneManifest::from_sections(sections));
+        let _ = black_box(GeometryChunk::decode(bytes));
+        if let Ok(text) = str::from_utf8(bytes) {
+            let _ = black_box(WallConfig::parse(text));
+            let _ = black_box(CameraPath::parse(text));
+        }
+    });
+}
