@@ -299,7 +299,8 @@ fn masters_and_tiles_that_do_not_find_each_other() {
     if !support::has_gpu() {
         return;
     }
-    let alone = mullion(&["tile", "t0x0", "--master", &address, "--headless", &out, "--give-up-after", "0.2"], LIMIT);
+    let alone =
+        mullion(&["tile", "t0x0", "--master", &address, "--headless", &out, "--give-up-after", "0.2", "--cache-mib", "0"], LIMIT);
     let lines: Vec<&str> = alone.err.lines().collect();
     assert_eq!(alone.code, Some(2), "{}", alone.err);
     assert!(
@@ -310,6 +311,6 @@ fn masters_and_tiles_that_do_not_find_each_other() {
     assert!(lines.iter().all(|line| line.contains(&address)), "it says at once, and again when it gives up: {}", alone.err);
     let mut serve = Process::start(&["serve", &wall, &scene, "--listen", "127.0.0.1:0"]);
     let address = support::address_of(&mut serve);
-    refused(&["tile", "t9x9", "--master", &address, "--headless", &out], &["t9x9", "t0x0"]);
+    refused(&["tile", "t9x9", "--master", &address, "--headless", &out, "--cache-mib", "0"], &["t9x9", "t0x0"]);
     assert!(serve.is_running(), "the master goes on");
 }

@@ -14,6 +14,7 @@ use std::thread;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
+use mullion_client::disk_cache::DiskCache;
 use mullion_client::node::{DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, run};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
@@ -90,6 +91,7 @@ fn options(address: SocketAddr, node: &str) -> NodeOptions {
         node: node.into(),
         credentials: None,
         memory_bytes: DEFAULT_MEMORY_BYTES,
+        cache: None,
         reconnect,
         stop: None,
     }
@@ -237,6 +239,55 @@ fn a_wall_over_sockets_survives_its_peers() {
         assert_eq!(report.shown, shown.len() as u64);
         assert_eq!(shown.last(), Some(&(show.frames - 1)), "node {i} is in the picture");
     }
+}
+
+/// What one node did in a show of three frames.
+fn short_show(cache: &Arc<DiskCache>) -> NodeReport {
+    let (wall, package) = (wall(1, 1), package(LEAVES));
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let eyes = wall.default_eyes();
+    let options_of_show = ShowOptions { frames: Some(3), barrier_wait: PATIENCE, ..ShowOptions::for_wall(&wall) };
+    let released = Arc::new(AtomicU64::new(u64::MAX)); // this is no test of the barrier
+    let show = Show {
+        options: options_of_show.starting_together(&wall, PATIENCE),
+        wall,
+        package: Arc::clone(&package),
+        camera: Box::new(move |frame| Pose { scene_time_s: frame as f64, eyes: eyes.clone(), ..Pose::default() }),
+        cull: Box::new(|pose, sets| sets[0] = visible(SEED, pose.scene_time_s as u64, 0, LEAVES)),
+        observer: Box::new(|_| {}),
+        node_observer: Box::new(|_| {}),
+        shown_observer: Box::new(|_, _| {}),
+        stop: None,
+    };
+    let service = thread::spawn(move || run_show(listener, show).unwrap());
+    let (scene, uploaded, shown) = (None, BTreeSet::new(), Vec::new());
+    let mut painter = Recorder { package, released, break_off_at: None, scene, uploaded, drawn: None, shown };
+    let report = run(NodeOptions { cache: Some(Arc::clone(cache)), ..options(address, "t0x0") }, &mut painter).unwrap();
+    service.join().unwrap();
+    report
+}
+
+#[test]
+fn a_node_that_starts_again_fetches_only_what_it_has_not_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = Arc::new(DiskCache::open(folder.path(), 1 << 30).unwrap());
+    let first = short_show(&cache);
+    assert!(first.blob_bytes > 0 && first.cached_bytes == 0, "{first:?}");
+    let second = short_show(&cache);
+    assert_eq!((second.blob_bytes, second.cached_bytes), (0, first.blob_bytes));
+    // Damage on the disk costs a fetch, no more.
+    let entry = walk(folder.path()).into_iter().max_by_key(|path| path.metadata().unwrap().len()).unwrap();
+    let length = entry.metadata().unwrap().len();
+    std::fs::write(&entry, b"damaged").unwrap();
+    let third = short_show(&cache);
+    assert_eq!((third.blob_bytes, third.cached_bytes), (length, first.blob_bytes - length));
+}
+
+/// All files below a folder.
+fn walk(folder: &std::path::Path) -> Vec<std::path::PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    entries.flat_map(|path| if path.is_dir() { walk(&path) } else { vec![path] }).collect()
 }
 
 #[test]

@@ -115,7 +115,18 @@ impl Show {
 
     fn start_tile(&self, name: &str) -> Process {
         let pictures = self.pictures.display().to_string();
-        Process::start(&["tile", name, "--master", &self.address, "--headless", &pictures, "--give-up-after", "20"])
+        Process::start(&[
+            "tile",
+            name,
+            "--master",
+            &self.address,
+            "--headless",
+            &pictures,
+            "--give-up-after",
+            "20",
+            "--cache-mib",
+            "0",
+        ])
     }
 
     /// Waits until the master says that so many frames were shown.

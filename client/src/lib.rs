@@ -7,6 +7,7 @@
 //! ```
 
 mod connection;
+pub mod disk_cache;
 pub mod frame;
 pub mod gpu;
 pub mod gpu_painter;

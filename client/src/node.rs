@@ -18,6 +18,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::timeout;
 
 use crate::connection::{End, connect, framed, keep_connected, stopped, write_message};
+use crate::disk_cache::DiskCache;
 use crate::master_clock::{MasterClock, PING_EVERY};
 use crate::tile_session::{Action, Assembly, DrawStats, EndedBy, FrameToDraw, PieceError, TileSession};
 
@@ -84,6 +85,8 @@ pub struct NodeOptions {
     pub credentials: Option<Vec<u8>>,
     /// What chunks may take on the GPU before those that were not needed for longest go.
     pub memory_bytes: u64,
+    /// Where blobs are looked for first, and kept.
+    pub cache: Option<Arc<DiskCache>>,
     /// When to try again.
     pub reconnect: Reconnect,
     /// Turns true when the node is to stop.
@@ -104,6 +107,8 @@ pub struct NodeReport {
     pub connections: u32,
     /// Bytes of blobs received.
     pub blob_bytes: u64,
+    /// Bytes of blobs found in the cache.
+    pub cached_bytes: u64,
 }
 
 /// Why a node ended before the show did.
@@ -132,6 +137,8 @@ enum Event {
     /// With when it came in, since the node's start.
     Message(ToTile, Duration),
     Blob(ChunkHash, Vec<u8>),
+    /// A blob that was in the cache.
+    Cached(ChunkHash, Vec<u8>),
     Absent(ChunkHash),
     Disconnected,
     Ended(Result<(), NodeError>),
@@ -232,6 +239,10 @@ impl Easel<'_> {
             Event::Message(message, _) => self.session.handle_message(message),
             Event::Blob(hash, bytes) => {
                 self.report.blob_bytes += bytes.len() as u64;
+                self.session.handle_blob(hash, bytes);
+            }
+            Event::Cached(hash, bytes) => {
+                self.report.cached_bytes += bytes.len() as u64;
                 self.session.handle_blob(hash, bytes);
             }
             Event::Absent(hash) => self.session.handle_absent(hash),
@@ -405,7 +416,7 @@ impl Network {
         let assembly = Mutex::new(Assembly::default());
         tokio::select! {
             end = self.read_chunks(reader, &assembly) => end,
-            end = write_wants(writer, wanted, &assembly) => end,
+            end = self.write_wants(writer, wanted, &assembly) => end,
         }
     }
 
@@ -422,7 +433,10 @@ impl Network {
                     let taken = locked(assembly, |a| a.take(&piece));
                     match taken {
                         Ok(None) => continue,
-                        Ok(Some(bytes)) => Event::Blob(piece.hash, bytes),
+                        Ok(Some(bytes)) => {
+                            self.keep(piece.hash, &bytes).await;
+                            Event::Blob(piece.hash, bytes)
+                        }
                         Err(error) => return End::Lost(format!("chunk connection: {error}")),
                     }
                 }
@@ -438,6 +452,58 @@ impl Network {
             }
         }
     }
+
+    async fn write_wants(
+        &self,
+        mut writer: OwnedWriteHalf,
+        mut wanted: mpsc::Receiver<Wanted>,
+        assembly: &Mutex<Assembly>,
+    ) -> End {
+        let mut buffer = Vec::new();
+        while let Some(mut blobs) = wanted.recv().await {
+            if let Some(cache) = &self.options.cache {
+                let Some(missing) = self.take_cached(cache, blobs).await else {
+                    return End::NobodyThere;
+                };
+                blobs = missing;
+            }
+            if blobs.is_empty() {
+                continue;
+            }
+            let expected = locked(assembly, |a| blobs.iter().try_for_each(|(hash, length)| a.expect(*hash, *length)));
+            if let Err(error @ PieceError::TooMany) = expected {
+                return End::Lost(error.to_string());
+            }
+            let want = Want { hashes: blobs.into_iter().map(|(hash, _)| hash).collect() };
+            if let Err(error) = write_message(&mut writer, &mut buffer, |out| want.encode(out)).await {
+                return End::Lost(format!("chunk connection: {error}"));
+            }
+        }
+        std::future::pending().await // the control connection decides how this ends
+    }
+
+    /// Hands the painter what the cache has of these blobs, and gives back the others; `None` when nobody takes them any more. The disk has
+    /// threads of its own: frames do not wait for it.
+    async fn take_cached(&self, cache: &Arc<DiskCache>, blobs: Wanted) -> Option<Wanted> {
+        let mut missing = Wanted::new();
+        for (hash, length) in blobs {
+            let from = Arc::clone(cache);
+            let found = tokio::task::spawn_blocking(move || from.get(hash, length)).await.ok().flatten();
+            match found {
+                Some(bytes) => self.events.send(Event::Cached(hash, bytes)).await.ok()?,
+                None => missing.push((hash, length)),
+            }
+        }
+        Some(missing)
+    }
+
+    /// Puts a blob into the cache.
+    async fn keep(&self, hash: ChunkHash, bytes: &[u8]) {
+        if let Some(cache) = &self.options.cache {
+            let (cache, bytes) = (Arc::clone(cache), bytes.to_vec());
+            let _ = tokio::task::spawn_blocking(move || cache.put(hash, &bytes)).await; // without it, it is fetched again
+        }
+    }
 }
 
 /// Where another half of the conversation fails first, the master may still be saying why on the control connection.
@@ -447,21 +513,6 @@ async fn after_the_last_word(half: impl Future<Output = End>) -> End {
         tokio::time::sleep(ALIVE_EVERY).await;
     }
     end
-}
-
-async fn write_wants(mut writer: OwnedWriteHalf, mut wanted: mpsc::Receiver<Wanted>, assembly: &Mutex<Assembly>) -> End {
-    let mut buffer = Vec::new();
-    while let Some(blobs) = wanted.recv().await {
-        let expected = locked(assembly, |a| blobs.iter().try_for_each(|(hash, length)| a.expect(*hash, *length)));
-        if let Err(error @ PieceError::TooMany) = expected {
-            return End::Lost(error.to_string());
-        }
-        let want = Want { hashes: blobs.into_iter().map(|(hash, _)| hash).collect() };
-        if let Err(error) = write_message(&mut writer, &mut buffer, |out| want.encode(out)).await {
-            return End::Lost(format!("chunk connection: {error}"));
-        }
-    }
-    std::future::pending().await // the control connection decides how this ends
 }
 
 fn locked<T>(assembly: &Mutex<Assembly>, f: impl FnOnce(&mut Assembly) -> T) -> T {

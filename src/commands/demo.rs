@@ -209,8 +209,15 @@ fn start_node(
     stopped: watch::Receiver<bool>,
 ) -> NodeThread {
     let reconnect = Reconnect { give_up_after: Some(START_WAIT), ..Reconnect::default() };
-    let options =
-        NodeOptions { master, node: name, credentials: None, memory_bytes: DEFAULT_MEMORY_BYTES, reconnect, stop: Some(stopped) };
+    let options = NodeOptions {
+        master,
+        node: name,
+        credentials: None,
+        memory_bytes: DEFAULT_MEMORY_BYTES,
+        cache: None,
+        reconnect,
+        stop: Some(stopped),
+    };
     std::thread::spawn(move || {
         let result = node::run(options, &mut painter);
         if result.is_err() {

@@ -68,6 +68,7 @@ pub fn run(options: &Options) -> Result<()> {
                 node: name.clone(),
                 credentials: None,
                 memory_bytes: 0,
+                cache: None,
                 reconnect,
                 stop: None,
             };

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
+use mullion_client::disk_cache::DiskCache;
 use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, Reconnect};
@@ -36,9 +37,35 @@ pub struct Options {
     #[arg(long, value_name = "MIB", default_value_t = DEFAULT_MEMORY_BYTES >> 20,
           value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
     memory_mib: u64,
+    /// Folder for geometry and textures, so that a restart fetches only what is new; nodes of one machine may share it. The user's cache
+    /// folder if left out.
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// What the cache may take on disk, MiB; what was not used for longest goes first. 0: no cache.
+    #[arg(long, value_name = "MIB", default_value_t = DEFAULT_CACHE_MIB, value_parser = clap::value_parser!(u64).range(0..=1 << 30))]
+    cache_mib: u64,
     /// End when the master has been out of reach for so many seconds; try for ever if left out.
     #[arg(long, allow_negative_numbers = true, value_name = "SECONDS")]
     give_up_after: Option<f64>,
+}
+
+const DEFAULT_CACHE_MIB: u64 = 8 << 10;
+
+impl Options {
+    /// The cache that was asked for. That of the user is used where it can be; a folder that was named must be usable.
+    fn open_cache(&self) -> Result<Option<Arc<DiskCache>>> {
+        if self.cache_mib == 0 {
+            return Ok(None);
+        }
+        let open = |folder: PathBuf| DiskCache::open(folder, self.cache_mib << 20).map(Arc::new);
+        match (&self.cache, dirs::cache_dir()) {
+            (Some(folder), _) => {
+                open(folder.clone()).map(Some).with_context(|| format!("--cache: cannot use {}", folder.display()))
+            }
+            (None, Some(users)) => Ok(open(users.join("mullion")).inspect_err(|e| tracing::warn!("no cache: {e}")).ok()),
+            (None, None) => Ok(None),
+        }
+    }
 }
 
 /// Runs the command.
@@ -52,6 +79,7 @@ pub fn run(options: &Options) -> Result<()> {
         node: options.name.clone(),
         credentials: None,
         memory_bytes: options.memory_mib << 20,
+        cache: options.open_cache()?,
         reconnect,
         stop: Some(stop.subscribe()),
     };
@@ -65,7 +93,8 @@ pub fn run(options: &Options) -> Result<()> {
         }
         None => run_in_window(options, node_options, &stop)?,
     };
-    say!("{}: {} frames drawn, {} shown, {} bytes of scene", options.name, report.drawn, report.shown, report.blob_bytes);
+    let NodeReport { drawn, shown, blob_bytes, cached_bytes, .. } = report;
+    say!("{}: {drawn} frames drawn, {shown} shown, {blob_bytes} bytes of scene, and {cached_bytes} from the cache", options.name);
     Ok(())
 }
 

@@ -110,7 +110,7 @@ impl ClientProcesses {
         let mut command = Command::new(&self.program);
         match self.clients {
             Clients::Protocol => command.arg("load-nodes"),
-            Clients::Headless | Clients::Real => command.args(["tile", "--give-up-after", "5"]),
+            Clients::Headless | Clients::Real => command.args(["tile", "--give-up-after", "5", "--cache-mib", "0"]),
         };
         command.args(["--master", &self.master]).args(names);
         if self.clients == Clients::Headless {
