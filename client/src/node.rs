@@ -428,13 +428,14 @@ impl Network {
                 Some(Err(error)) => return End::Lost(format!("chunk connection: {error}")),
                 None => return End::Lost("the master closed the chunk connection".into()),
             };
+            let mut to_keep = None;
             let event = match ChunkReply::decode(&body) {
                 Ok(ChunkReply::Piece(piece)) => {
                     let taken = locked(assembly, |a| a.take(&piece));
                     match taken {
                         Ok(None) => continue,
                         Ok(Some(bytes)) => {
-                            self.keep(piece.hash, &bytes).await;
+                            to_keep = self.options.cache.as_ref().map(|cache| (Arc::clone(cache), piece.hash, bytes.clone()));
                             Event::Blob(piece.hash, bytes)
                         }
                         Err(error) => return End::Lost(format!("chunk connection: {error}")),
@@ -449,6 +450,10 @@ impl Network {
             };
             if self.events.send(event).await.is_err() {
                 return std::future::pending().await; // the control connection decides how this ends
+            }
+            // The painter has it; the disk has threads of its own, and holds back the connection only, where it is slower.
+            if let Some((cache, hash, bytes)) = to_keep {
+                let _ = tokio::task::spawn_blocking(move || cache.put(hash, &bytes)).await; // without it, it is fetched again
             }
         }
     }
@@ -495,14 +500,6 @@ impl Network {
             }
         }
         Some(missing)
-    }
-
-    /// Puts a blob into the cache.
-    async fn keep(&self, hash: ChunkHash, bytes: &[u8]) {
-        if let Some(cache) = &self.options.cache {
-            let (cache, bytes) = (Arc::clone(cache), bytes.to_vec());
-            let _ = tokio::task::spawn_blocking(move || cache.put(hash, &bytes)).await; // without it, it is fetched again
-        }
     }
 }
 
