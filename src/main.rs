@@ -1,5 +1,6 @@
 //! `mullion`: a culling service for tiled display walls, CAVEs and multi-projector rooms.
 
+mod address;
 mod camera;
 mod commands;
 mod composite;

@@ -18,7 +18,7 @@ use mullion_client::disk_cache::DiskCache;
 use mullion_client::node::{DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, run};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
-use mullion_common::wire::{ByeCode, Hello, LENGTH_BYTES, Moved, Opening, PROTOCOL_VERSION, ToTile, ViewSpec};
+use mullion_common::wire::{ByeCode, Hello, LENGTH_BYTES, Moved, Opening, PROTOCOL_VERSION, Part, ToTile, ViewSpec};
 use mullion_server::service::{Pose, Rate, ServiceError, Show, ShowOptions, ShowReport, run as run_show};
 use session_support::{chunks_of, package, visible, wall};
 
@@ -87,7 +87,8 @@ impl Painter for Recorder {
 fn options(address: SocketAddr, node: &str) -> NodeOptions {
     let reconnect = Reconnect { give_up_after: Some(Duration::from_secs(5)), ..Reconnect::default() };
     NodeOptions {
-        master: address.to_string(),
+        masters: vec![address.to_string()],
+        part: Part::Own,
         node: node.into(),
         credentials: None,
         memory_bytes: DEFAULT_MEMORY_BYTES,
@@ -123,7 +124,7 @@ fn goodbye(messages: &[ToTile]) -> (ByeCode, &str) {
 
 fn hello(node: &str, version: u32) -> Vec<u8> {
     let mut bytes = Vec::new();
-    let hello = Hello { node: node.into(), credentials: None, cached: vec![] };
+    let hello = Hello { node: node.into(), part: Part::Own, credentials: None, cached: vec![] };
     Opening::Control(hello).encode_as_version(version, &mut bytes).unwrap();
     bytes
 }

@@ -170,7 +170,7 @@ impl Sim {
         let start_nodes = if rng.chance(2) { (0..4).map(NodeIndex).collect() } else { vec![] };
         let barrier = BarrierOptions { wait: WAIT, start_wait: Duration::from_millis(500), start_nodes };
         let pace = if rng.chance(3) { Pace::AsFastAsPossible } else { Pace::Every(us(16_667)) };
-        let options = MasterOptions { barrier, pace, frames: None, sections, session_seed: [7; 32] };
+        let options = MasterOptions { barrier, pace, first_frame: 0, frames: None, sections, session_seed: [7; 32] };
         let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name)).collect();
         Self {
             seed,
@@ -548,7 +548,7 @@ impl Sim {
                     self.shows_told += 1;
                 }
                 Output::Finished => self.is_finished = true,
-                Output::ServeChunks { .. } => panic!("no chunk connections here"),
+                Output::ServeChunks { .. } | Output::StoodIn { .. } => panic!("no chunk connections and no spares here"),
             }
         }
     }

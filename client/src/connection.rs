@@ -28,9 +28,9 @@ pub struct Reconnect {
 }
 
 impl Default for Reconnect {
-    /// 100 ms, 3 s, for ever.
+    /// 100 ms, 1 s, for ever.
     fn default() -> Self {
-        Self { first: Duration::from_millis(100), longest: Duration::from_secs(3), give_up_after: None }
+        Self { first: Duration::from_millis(100), longest: Duration::from_secs(1), give_up_after: None }
     }
 }
 
@@ -59,23 +59,25 @@ pub(crate) enum End {
     NobodyThere,
 }
 
-/// Connects to the master and converses with it, again and again, until the master ends the show, refuses the node for good or stays out of
-/// reach, or `nobody_there` comes to an end.
+/// Connects to the master, or one that stands by for it, and converses with it, again and again, until it ends the show, refuses the node
+/// for good or all stay out of reach, or `nobody_there` comes to an end. Masters are tried in turn; a pause follows when all have been.
 pub(crate) async fn keep_connected(
     options: &NodeOptions,
     nobody_there: impl AsyncFn(),
-    converse: impl AsyncFn(TcpStream) -> End,
+    converse: impl AsyncFn(TcpStream, &str) -> End,
 ) -> Result<(), NodeError> {
     let Reconnect { first, longest, give_up_after } = options.reconnect;
     let mut pause = first;
     let mut without = Instant::now();
     let mut complaint = Complaint::default();
+    let mut turn = 0;
     loop {
+        let master = options.masters.get(turn).map_or("", String::as_str);
         let mut was_good = false;
-        let end = match connect(&options.master).await {
+        let end = match connect(master, options.patience().min(OPENING_LIMIT)).await {
             Ok(stream) => {
                 let started = Instant::now();
-                let end = converse(stream).await;
+                let end = converse(stream, master).await;
                 was_good = started.elapsed() >= GOOD_CONNECTION;
                 without = Instant::now();
                 end
@@ -90,19 +92,24 @@ pub(crate) async fn keep_connected(
             End::Lost(reason) => reason,
         };
         if give_up_after.is_some_and(|limit| without.elapsed() >= limit) {
-            let (master, seconds) = (options.master.clone(), without.elapsed().as_secs_f64());
+            let (master, seconds) = (options.masters.join(", "), without.elapsed().as_secs_f64());
             return Err(NodeError::Unreachable { master, seconds, last });
         }
         if was_good {
             pause = first;
             complaint = Complaint::default();
         }
-        let (node, master) = (&options.node, &options.master);
+        let node = &options.node;
         if complaint.is_new(&last) {
             tracing::warn!("node {node}: no connection to {master}: {last}; trying again until there is one");
         } else {
             tracing::debug!("node {node}: no connection to {master}: {last}; trying again in {} ms", pause.as_millis());
         }
+        turn += 1;
+        if turn < options.masters.len() {
+            continue;
+        }
+        turn = 0;
         tokio::select! {
             () = tokio::time::sleep(pause) => {}
             () = nobody_there() => return Ok(()),
@@ -120,9 +127,9 @@ pub(crate) async fn stopped(stop: Option<watch::Receiver<bool>>) {
     std::future::pending().await
 }
 
-pub(crate) async fn connect(master: &str) -> io::Result<TcpStream> {
-    let too_slow = || io::Error::new(io::ErrorKind::TimedOut, format!("no answer in {} s", OPENING_LIMIT.as_secs()));
-    let stream = timeout(OPENING_LIMIT, TcpStream::connect(master)).await.map_err(|_| too_slow())??;
+pub(crate) async fn connect(master: &str, limit: Duration) -> io::Result<TcpStream> {
+    let too_slow = || io::Error::new(io::ErrorKind::TimedOut, format!("no answer in {} s", limit.as_secs()));
+    let stream = timeout(limit, TcpStream::connect(master)).await.map_err(|_| too_slow())??;
     stream.set_nodelay(true)?;
     Ok(stream)
 }

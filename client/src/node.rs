@@ -7,8 +7,8 @@ use std::{io, thread};
 use futures_util::StreamExt;
 use mullion_common::scene::{ChunkHash, ChunkId, SceneManifest};
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved, Opening,
-    SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want,
+    ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved,
+    OPENING_LIMIT, Opening, Part, SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want,
 };
 use thiserror::Error;
 use tokio::io::AsyncWriteExt;
@@ -77,10 +77,12 @@ pub use crate::connection::Reconnect;
 /// Which node to be, and of which master.
 #[derive(Clone, Debug)]
 pub struct NodeOptions {
-    /// Host and port.
-    pub master: String,
-    /// Its name in the wall.
+    /// Hosts and ports: the master's, and those of masters that stand by for it. At least one.
+    pub masters: Vec<String>,
+    /// Its name in the wall, or a spare's own.
     pub node: String,
+    /// Whether it has a place of its own.
+    pub part: Part,
     /// What proves it.
     pub credentials: Option<Vec<u8>>,
     /// What chunks may take on the GPU before those that were not needed for longest go.
@@ -91,6 +93,17 @@ pub struct NodeOptions {
     pub reconnect: Reconnect,
     /// Turns true when the node is to stop.
     pub stop: Option<watch::Receiver<bool>>,
+}
+
+/// How long a master may say nothing before a node that has others looks at those. It says something every second.
+const PATIENCE_WITH_STANDBYS: Duration = Duration::from_secs(3);
+const _: () = assert!(PATIENCE_WITH_STANDBYS.as_secs() > 2 * ALIVE_EVERY.as_secs(), "a lost sign of life is no death");
+
+impl NodeOptions {
+    /// How long the master may say nothing before it counts as gone.
+    pub(crate) fn patience(&self) -> Duration {
+        if self.masters.len() > 1 { PATIENCE_WITH_STANDBYS } else { SILENCE_LIMIT }
+    }
 }
 
 /// A choice for [`NodeOptions::memory_bytes`] that leaves room on common GPUs.
@@ -153,7 +166,8 @@ pub fn run(options: NodeOptions, painter: &mut dyn Painter) -> Result<NodeReport
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (events, mut inbox) = mpsc::channel(MAX_EVENTS);
     let stats = Arc::new(Mutex::new(Stats::default()));
-    let session = TileSession::new(options.node.clone(), options.credentials.clone(), options.memory_bytes);
+    let session =
+        TileSession::new(options.node.clone(), options.credentials.clone(), options.memory_bytes).taking_part_as(options.part);
     let started = Instant::now();
     let clock = MasterClock::default();
     let mut easel = Easel { session, painter, report: NodeReport::default(), link: None, clock, started };
@@ -318,8 +332,8 @@ struct Network {
 impl Network {
     async fn run(self) {
         let stop = self.options.stop.clone();
-        let converse = async |stream| {
-            let end = self.converse(stream).await;
+        let converse = async |stream, master: &str| {
+            let end = self.converse(stream, master).await;
             if self.events.send(Event::Disconnected).await.is_err() { End::NobodyThere } else { end }
         };
         let result = tokio::select! {
@@ -330,7 +344,7 @@ impl Network {
     }
 
     /// One control connection and its chunk connection, until either ends.
-    async fn converse(&self, stream: TcpStream) -> End {
+    async fn converse(&self, stream: TcpStream, master: &str) -> End {
         let (reader, mut writer) = stream.into_split();
         let mut buffer = Vec::new();
         if let Err(error) = write_message(&mut writer, &mut buffer, |out| self.hello.encode(out)).await {
@@ -345,7 +359,7 @@ impl Network {
         tokio::select! {
             end = self.read_control(reader, welcome) => end,
             end = after_the_last_word(self.write_control(writer, unsent)) => end,
-            end = after_the_last_word(self.fetch_chunks(session, wanted)) => end,
+            end = after_the_last_word(self.fetch_chunks(master, session, wanted)) => end,
         }
     }
 
@@ -353,11 +367,11 @@ impl Network {
         let mut welcome = Some(welcome);
         let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
         loop {
-            let body = match timeout(SILENCE_LIMIT, bodies.next()).await {
+            let body = match timeout(self.options.patience(), bodies.next()).await {
                 Ok(Some(Ok(body))) => body,
                 Ok(Some(Err(error))) => return End::Lost(error.to_string()),
                 Ok(None) => return End::Lost("the master closed the connection".into()),
-                Err(_) => return End::Lost(format!("the master was silent for {} s", SILENCE_LIMIT.as_secs())),
+                Err(_) => return End::Lost(format!("the master was silent for {} s", self.options.patience().as_secs())),
             };
             let message = match ToTile::decode(&body) {
                 Ok(message) => message,
@@ -402,9 +416,9 @@ impl Network {
         }
     }
 
-    async fn fetch_chunks(&self, session: oneshot::Receiver<u64>, wanted: mpsc::Receiver<Wanted>) -> End {
+    async fn fetch_chunks(&self, master: &str, session: oneshot::Receiver<u64>, wanted: mpsc::Receiver<Wanted>) -> End {
         let Ok(session) = session.await else { return std::future::pending().await };
-        let (reader, mut writer) = match connect(&self.options.master).await {
+        let (reader, mut writer) = match connect(master, OPENING_LIMIT).await {
             Ok(stream) => stream.into_split(),
             Err(error) => return End::Lost(format!("chunk connection: {error}")),
         };

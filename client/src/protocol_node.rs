@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use futures_util::StreamExt;
-use mullion_common::wire::{ALIVE_EVERY, MAX_TO_TILE_BYTES, Opening, SILENCE_LIMIT, ToMaster, ToTile};
+use mullion_common::wire::{ALIVE_EVERY, MAX_TO_TILE_BYTES, Opening, ToMaster, ToTile};
 use tokio::net::TcpStream;
 use tokio::net::tcp::OwnedWriteHalf;
 use tokio::sync::Mutex;
@@ -37,11 +37,11 @@ pub struct ProtocolReport {
 /// # Errors
 /// When the master refuses the node for good or stays out of reach.
 pub async fn run(options: NodeOptions) -> Result<ProtocolReport, NodeError> {
-    let session = TileSession::without_scene(options.node.clone(), options.credentials.clone());
+    let session = TileSession::without_scene(options.node.clone(), options.credentials.clone()).taking_part_as(options.part);
     let (report, clock) = (ProtocolReport::default(), MasterClock::default());
-    let node = Mutex::new(Node { session, clock, report, started: Instant::now() });
+    let node = Mutex::new(Node { session, clock, report, started: Instant::now(), patience: options.patience() });
     let stop = options.stop.clone();
-    let converse = async |stream| node.lock().await.converse(stream).await;
+    let converse = async |stream, _: &str| node.lock().await.converse(stream).await;
     let result = tokio::select! {
         result = keep_connected(&options, std::future::pending, converse) => result,
         () = stopped(stop) => Ok(()),
@@ -54,6 +54,7 @@ struct Node {
     clock: MasterClock,
     report: ProtocolReport,
     started: Instant,
+    patience: Duration,
 }
 
 impl Node {
@@ -78,11 +79,11 @@ impl Node {
         let mut ask = tokio::time::interval(PING_EVERY);
         loop {
             tokio::select! {
-                body = timeout(SILENCE_LIMIT, bodies.next()) => {
+                body = timeout(self.patience, bodies.next()) => {
                     let body = match body {
                         Ok(Some(body)) => body.map_err(lost)?,
                         Ok(None) => return Err(End::Lost("the master closed the connection".into())),
-                        Err(_) => return Err(End::Lost(format!("the master was silent for {} s", SILENCE_LIMIT.as_secs()))),
+                        Err(_) => return Err(End::Lost(format!("the master was silent for {} s", self.patience.as_secs()))),
                     };
                     match ToTile::decode(&body) {
                         Ok(ToTile::Bye(bye)) => return Ok(End::Bye(bye)),

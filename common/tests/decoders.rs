@@ -13,7 +13,7 @@ use mullion_common::scene::{GeometryChunk, Package, SceneManifest};
 use mullion_common::wall::WallConfig;
 use mullion_common::wire::{
     ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_OPENING_BYTES, MAX_TO_MASTER_BYTES, MAX_TO_TILE_BYTES,
-    Opening, ToMaster, ToTile, Want,
+    Opening, ToMaster, ToStandby, ToTile, Want,
 };
 
 /// The bodies of all messages, each in a file.
@@ -22,7 +22,7 @@ fn seeds() -> Vec<Vec<u8>> {
     let mut files: Vec<_> = fs::read_dir(folder).expect("seeds").map(|entry| entry.expect("a file").path()).collect();
     files.sort();
     let seeds: Vec<Vec<u8>> = files.iter().map(|file| fs::read(file).expect("a seed")).collect();
-    assert!(seeds.len() >= 15, "a seed for every message");
+    assert!(seeds.len() >= 19, "a seed for every message");
     seeds
 }
 
@@ -79,6 +79,7 @@ fn decode_all(body: &[u8]) {
     assert_modest("opening", MAX_OPENING_BYTES, body, || drop(black_box(Opening::decode(body))));
     assert_modest("to master", MAX_TO_MASTER_BYTES, body, || drop(black_box(ToMaster::decode(body))));
     assert_modest("to tile", MAX_TO_TILE_BYTES, body, || drop(black_box(ToTile::decode(body))));
+    assert_modest("to standby", MAX_TO_TILE_BYTES, body, || drop(black_box(ToStandby::decode(body))));
     assert_modest("want", MAX_CHUNK_REQUEST_BYTES, body, || drop(black_box(Want::decode(body))));
     assert_modest("chunk reply", MAX_CHUNK_REPLY_BYTES, body, || drop(black_box(ChunkReply::decode(body))));
 }

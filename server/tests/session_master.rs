@@ -8,8 +8,8 @@ use glam::{DAffine3, DVec3};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
-    ALIVE_EVERY, ByeCode, ChunkHello, Hello, OPENING_LIMIT, Opening, PROTOCOL_VERSION, SILENCE_LIMIT, Stats, ToMaster, ToTile,
-    body_of,
+    ALIVE_EVERY, ByeCode, ChunkHello, Hello, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, SILENCE_LIMIT, Stats, ToMaster,
+    ToTile, body_of,
 };
 use mullion_server::master::{FrameInput, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, TAKEOVER_AFTER};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
@@ -26,12 +26,13 @@ fn master() -> Master {
     let text = "[grid]\ncolumns = 2\nrows = 1\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\n";
     let wall: Arc<Wall> = Arc::new(WallConfig::parse(text).unwrap());
     let barrier = BarrierOptions { wait: ms(14), start_wait: Duration::ZERO, start_nodes: vec![] };
-    let options = MasterOptions { barrier, pace: Pace::Every(PERIOD), frames: None, sections: vec![], session_seed: [1; 32] };
+    let pace = Pace::Every(PERIOD);
+    let options = MasterOptions { barrier, pace, first_frame: 0, frames: None, sections: vec![], session_seed: [1; 32] };
     Master::new(wall, options, Duration::ZERO)
 }
 
 fn hello(node: &str) -> Opening {
-    Opening::Control(Hello { node: node.into(), credentials: None, cached: vec![] })
+    Opening::Control(Hello { node: node.into(), part: Part::Own, credentials: None, cached: vec![] })
 }
 
 fn outputs(master: &mut Master) -> Vec<Output> {

@@ -17,6 +17,7 @@ use mullion_client::output::window::{Cover, Display, WindowOptions};
 use mullion_common::camera_path::CameraPath;
 use mullion_common::scene::Package;
 use mullion_common::wall::{Wall, WallConfig};
+use mullion_common::wire::Part;
 use mullion_server::cull::Algorithm;
 use mullion_server::service::{self, Rate, Show, ShowOptions, ShowReport};
 use tokio::sync::watch;
@@ -210,8 +211,9 @@ fn start_node(
 ) -> NodeThread {
     let reconnect = Reconnect { give_up_after: Some(START_WAIT), ..Reconnect::default() };
     let options = NodeOptions {
-        master,
+        masters: vec![master],
         node: name,
+        part: Part::Own,
         credentials: None,
         memory_bytes: DEFAULT_MEMORY_BYTES,
         cache: None,

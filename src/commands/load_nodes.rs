@@ -5,6 +5,7 @@ use std::time::Duration;
 use anyhow::{Result, anyhow};
 use mullion_client::node::{NodeOptions, Reconnect};
 use mullion_client::protocol_node::{self, ProtocolReport};
+use mullion_common::wire::Part;
 use serde::{Deserialize, Serialize};
 use tokio::task::LocalSet;
 
@@ -64,7 +65,8 @@ pub fn run(options: &Options) -> Result<()> {
     let reports = LocalSet::new().block_on(&runtime, async {
         let nodes = options.names.iter().map(|name| {
             let options = NodeOptions {
-                master: options.master.clone(),
+                masters: vec![options.master.clone()],
+                part: Part::Own,
                 node: name.clone(),
                 credentials: None,
                 memory_bytes: 0,

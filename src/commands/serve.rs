@@ -10,14 +10,12 @@ use mullion_server::cull::Algorithm;
 use mullion_server::service::{self, FrameReport, NodeEvent, Rate, Show, ShowOptions};
 
 use super::prepare::HowToPrepare;
+use crate::address::{DEFAULT_PORT, with_port};
 use crate::camera::PathSource;
 use crate::files::{claim, open_scene, open_wall, write_json};
 use crate::progress::Progress;
 use crate::say::say;
 use crate::show::{self, Record};
-
-/// Port that masters listen on and tiles look for.
-pub const DEFAULT_PORT: u16 = 7467;
 
 /// Which wall shows which scene, and how.
 #[derive(clap::Args)]
@@ -42,6 +40,9 @@ pub struct Options {
     /// How long a frame waits for a tile that was ready for the last one, milliseconds; a frame's time and 4 ms if left out.
     #[arg(long, allow_negative_numbers = true, value_name = "MS")]
     barrier: Option<f64>,
+    /// Stand by for the master at this address, and go on with its show when it is gone. Wall and scene must be the same.
+    #[arg(long, value_name = "HOST[:PORT]")]
+    standby_of: Option<String>,
     /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.
     #[arg(long, default_value = "sweep")]
     algorithm: Algorithm,
@@ -82,15 +83,22 @@ pub fn run(options: &Options) -> Result<()> {
         show_options = show_options.starting_together(&wall, Duration::from_secs_f64(options.wait));
     }
     show_options.frames = options.frames;
+    show_options.standby_of = options.standby_of.as_deref().map(with_port);
     show_options.rate = if rate_hz == 0.0 { Rate::AsFastAsPossible } else { Rate::Hz(rate_hz) };
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);
 
     let path = path.path(&package, &wall, options.frames)?;
     let progress = Arc::new(Progress::new());
     let lines = Arc::clone(&progress);
+    let of_master = show_options.standby_of.clone().unwrap_or_default();
     let node_observer = move |event: &NodeEvent| match event {
         NodeEvent::Joined { node, address } => lines.line(&format!("node {node} joined from {address}")),
         NodeEvent::Left { node, reason } => lines.line(&format!("node {node} left: {reason}")),
+        NodeEvent::StoodIn { node, spare } => lines.line(&format!("spare {spare} takes the place of node {node}")),
+        NodeEvent::StandingBy => lines.line(&format!("standing by for the master at {of_master}")),
+        NodeEvent::TookOver { frame, reason } => {
+            lines.line(&format!("the master at {of_master} is gone ({reason}): going on from frame {frame}"));
+        }
     };
     let node_names: Vec<String> = wall.nodes().iter().map(|n| n.name.clone()).collect();
     let record = Record::new(&wall);

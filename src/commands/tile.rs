@@ -10,20 +10,24 @@ use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, Reconnect};
 use mullion_client::output::window::{Cover, Display, WindowOptions};
+use mullion_common::wire::Part;
 use tokio::sync::watch;
 
-use super::serve::DEFAULT_PORT;
+use crate::address::with_port;
 use crate::say::say;
 use crate::show::stop_on_interrupt;
 
 /// Which node to be, of which master, and where pictures go.
 #[derive(clap::Args)]
 pub struct Options {
-    /// The node's name in the wall file; a tile that no node drives is a node of its own name.
+    /// The node's name in the wall file; a tile that no node drives is a node of its own name. With --spare, any name.
     name: String,
-    /// Host and port of the master; the port may be left out.
-    #[arg(long, value_name = "HOST[:PORT]", default_value = "127.0.0.1")]
-    master: String,
+    /// Host and port of the master; the port may be left out. Further ones, after commas, are masters that stand by for it.
+    #[arg(long, value_name = "HOST[:PORT]", default_value = "127.0.0.1", value_delimiter = ',')]
+    master: Vec<String>,
+    /// Wait until a node of the wall is missing, and stand in for it until it is back.
+    #[arg(long)]
+    spare: bool,
     /// Show no window; write each tile's picture into this folder when the show ends.
     #[arg(long, value_name = "DIR", conflicts_with = "fullscreen")]
     headless: Option<PathBuf>,
@@ -75,7 +79,8 @@ pub fn run(options: &Options) -> Result<()> {
     let reconnect = Reconnect { give_up_after: seconds.map(Duration::from_secs_f64), ..Reconnect::default() };
     let stop = stop_on_interrupt()?;
     let node_options = NodeOptions {
-        master: with_port(&options.master),
+        masters: options.master.iter().map(|master| with_port(master)).collect(),
+        part: if options.spare { Part::Spare } else { Part::Own },
         node: options.name.clone(),
         credentials: None,
         memory_bytes: options.memory_mib << 20,
@@ -118,35 +123,4 @@ fn run_in_window(options: &Options, node_options: NodeOptions, stop: &watch::Sen
     stop.send_replace(true);
     window?;
     node_thread.join().map_err(|_| anyhow!("the node's thread ended unexpectedly"))?.map_err(Into::into)
-}
-
-fn with_port(master: &str) -> String {
-    let has_port = master
-        .rsplit_once(':')
-        .is_some_and(|(host, port)| port.parse::<u16>().is_ok() && (!host.contains(':') || host.ends_with(']')));
-    match (has_port, master.contains(':') && !master.starts_with('[')) {
-        (true, _) => master.to_owned(),
-        (false, true) => format!("[{master}]:{DEFAULT_PORT}"),
-        (false, false) => format!("{master}:{DEFAULT_PORT}"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::with_port;
-
-    #[test]
-    fn the_port_may_be_left_out() {
-        let cases = [
-            ("wall-master", "wall-master:7467"),
-            ("wall-master:80", "wall-master:80"),
-            ("10.0.0.1", "10.0.0.1:7467"),
-            ("::1", "[::1]:7467"),
-            ("[::1]", "[::1]:7467"),
-            ("[::1]:80", "[::1]:80"),
-        ];
-        for (given, wanted) in cases {
-            assert_eq!(with_port(given), wanted);
-        }
-    }
 }

@@ -16,8 +16,8 @@ use mullion_common::scene::{ChunkHash, ChunkId, ObjectId, SceneManifest, Section
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::{
-    BASE_WINDOW, Budget, Bye, ByeCode, Frame, Hello, MAX_WANTED, Manifest, Moved, SectionRef, Shown, Stats, ToMaster, ToTile,
-    ViewSpec, Welcome,
+    BASE_WINDOW, Budget, Bye, ByeCode, Frame, Hello, MAX_WANTED, Manifest, Moved, Part, SectionRef, Shown, Stats, ToMaster,
+    ToTile, ViewSpec, Welcome,
 };
 
 use crate::residency::Residency;
@@ -163,6 +163,7 @@ enum Needs {
 #[derive(Debug)]
 pub struct TileSession {
     node: String,
+    part: Part,
     credentials: Option<Vec<u8>>,
     needs: Needs,
     memory_bytes: u64,
@@ -202,6 +203,7 @@ impl TileSession {
     pub fn new(node: impl Into<String>, credentials: Option<Vec<u8>>, memory_bytes: u64) -> Self {
         Self {
             node: node.into(),
+            part: Part::Own,
             credentials,
             needs: Needs::Scene,
             memory_bytes,
@@ -235,9 +237,15 @@ impl TileSession {
         Self { needs: Needs::Nothing, ..Self::new(node, credentials, 0) }
     }
 
+    /// The same as a spare, or with a place of its own.
+    pub fn taking_part_as(mut self, part: Part) -> Self {
+        self.part = part;
+        self
+    }
+
     /// The greeting of every connection.
     pub fn hello(&self) -> Hello {
-        Hello { node: self.node.clone(), credentials: self.credentials.clone(), cached: Vec::new() }
+        Hello { node: self.node.clone(), part: self.part, credentials: self.credentials.clone(), cached: Vec::new() }
     }
 
     /// A connection is there and the greeting is sent.

@@ -120,10 +120,7 @@ impl Frame {
                 put_set(out, &view.leaves.removed);
                 put_set(out, &view.leaves.added);
             }
-            for moved in &self.moved {
-                out.extend_from_slice(&moved.object.0.to_le_bytes());
-                out.extend_from_slice(bytemuck::bytes_of(&moved.transform));
-            }
+            put_moved(out, &self.moved);
             Ok(())
         })
     }
@@ -152,15 +149,7 @@ impl Frame {
         if head.base.is_some_and(|base| base >= head.number) {
             return Err(WireError::Bulk { what: "base" });
         }
-        if (head.moved as usize).checked_mul(MOVED_BYTES) != Some(bytes.len()) {
-            return Err(WireError::Bulk { what: "moved objects" });
-        }
-        let moved = bytes.chunks_exact(MOVED_BYTES).map(|bytes| {
-            let (object, transform) = bytes.split_at(4);
-            Moved { object: ObjectId(bytemuck::pod_read_unaligned(object)), transform: bytemuck::pod_read_unaligned(transform) }
-        });
-        let moved: Vec<Moved> = moved.collect();
-        finite("transform", moved.iter().all(|m| m.transform.is_finite()))?;
+        let moved = take_moved(bytes, head.moved)?;
         Ok(Self {
             number: head.number,
             epoch: head.epoch,
@@ -174,7 +163,29 @@ impl Frame {
     }
 }
 
-fn take_head<T: serde::de::DeserializeOwned>(bytes: &mut &[u8]) -> Result<T, WireError> {
+/// Appends moved objects: of each its id and its transform.
+pub(super) fn put_moved(out: &mut Vec<u8>, moved: &[Moved]) {
+    for moved in moved {
+        out.extend_from_slice(&moved.object.0.to_le_bytes());
+        out.extend_from_slice(bytemuck::bytes_of(&moved.transform));
+    }
+}
+
+/// Reads so many moved objects, which end the body.
+pub(super) fn take_moved(bytes: &[u8], count: u32) -> Result<Vec<Moved>, WireError> {
+    if (count as usize).checked_mul(MOVED_BYTES) != Some(bytes.len()) {
+        return Err(WireError::Bulk { what: "moved objects" });
+    }
+    let moved = bytes.chunks_exact(MOVED_BYTES).map(|bytes| {
+        let (object, transform) = bytes.split_at(4);
+        Moved { object: ObjectId(bytemuck::pod_read_unaligned(object)), transform: bytemuck::pod_read_unaligned(transform) }
+    });
+    let moved: Vec<Moved> = moved.collect();
+    let is_finite = moved.iter().all(|m| m.transform.is_finite());
+    if is_finite { Ok(moved) } else { Err(WireError::NotFinite { what: "transform" }) }
+}
+
+pub(super) fn take_head<T: serde::de::DeserializeOwned>(bytes: &mut &[u8]) -> Result<T, WireError> {
     let (head, used) = codec::decode_prefix::<T, HEAD_CAP>(bytes)?;
     *bytes = &bytes[used..];
     Ok(head)

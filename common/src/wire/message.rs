@@ -8,7 +8,7 @@ use super::codec::List;
 use super::{
     Frame, MAGIC, MAX_CACHED, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_CREDENTIALS_BYTES, MAX_NAME_BYTES,
     MAX_OPENING_BYTES, MAX_PIECE_BYTES, MAX_REASON_BYTES, MAX_SECTIONS, MAX_TILE_SECTION_BYTES, MAX_TO_MASTER_BYTES,
-    MAX_TO_TILE_BYTES, MAX_VIEWS, MAX_WANTED, PROTOCOL_VERSION, WireError, codec, framed, within,
+    MAX_TO_TILE_BYTES, MAX_VIEWS, MAX_WANTED, PROTOCOL_VERSION, StandbyHello, WireError, codec, framed, within,
 };
 use crate::scene::{ChunkHash, SectionKind};
 use crate::wall::{Eye, ObserverId, TileId, ViewId, Wall};
@@ -29,17 +29,31 @@ pub(super) mod tag {
     pub const ABSENT: u8 = 13;
     pub const PING: u8 = 14;
     pub const PONG: u8 = 15;
+    pub const STANDBY_HELLO: u8 = 16;
+    pub const COURSE: u8 = 17;
 }
 
 /// A node's greeting on its control connection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hello {
-    /// Which node of the wall it is.
+    /// Which node of the wall it is; of a spare, its own name, for people.
     pub node: String,
+    /// Whether it is that node, or would stand in for any.
+    pub part: Part,
     /// What proves it, where the master asks for proof.
     pub credentials: Option<Vec<u8>>,
     /// What it has cached. Reserved: the master reads and ignores it.
     pub cached: Vec<ChunkHash>,
+}
+
+/// What a node takes part as.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Part {
+    /// The node of the wall that it names.
+    #[default]
+    Own,
+    /// It waits until a node is missing and takes its place, until that one is back.
+    Spare,
 }
 
 /// A node's greeting on its chunk connection.
@@ -55,6 +69,7 @@ pub struct ChunkHello {
 pub enum Opening {
     Control(Hello),
     Chunks(ChunkHello),
+    Standby(StandbyHello),
 }
 
 /// What a node did lately. Whether or not anything changed, one comes every second.
@@ -362,6 +377,7 @@ struct HelloHead {
     magic: [u8; 4],
     version: u32,
     node: String,
+    part: Part,
     credentials: Option<List<u8>>,
     cached: List<ChunkHash>,
 }
@@ -371,6 +387,14 @@ struct ChunkHelloHead {
     magic: [u8; 4],
     version: u32,
     session: u64,
+}
+
+#[derive(Serialize, Deserialize)]
+struct StandbyHelloHead {
+    magic: [u8; 4],
+    version: u32,
+    wall: ChunkHash,
+    scene: ChunkHash,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -386,19 +410,19 @@ struct PieceHead {
     total: u64,
 }
 
-fn put_bye(out: &mut Vec<u8>, bye: &Bye) -> Result<(), WireError> {
+pub(super) fn put_bye(out: &mut Vec<u8>, bye: &Bye) -> Result<(), WireError> {
     within("bytes of a reason", bye.reason.len(), MAX_REASON_BYTES)?;
     Ok(codec::encode_into(&ByeHead { code: bye.code.number(), reason: bye.reason.clone() }, out)?)
 }
 
-fn take_bye(rest: &[u8]) -> Result<Bye, WireError> {
+pub(super) fn take_bye(rest: &[u8]) -> Result<Bye, WireError> {
     let head: ByeHead = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
     within("bytes of a reason", head.reason.len(), MAX_REASON_BYTES)?;
     let reason = head.reason.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     Ok(Bye { code: ByeCode::from_number(head.code), reason })
 }
 
-fn split_tag(body: &[u8], cap: usize) -> Result<(u8, &[u8]), WireError> {
+pub(super) fn split_tag(body: &[u8], cap: usize) -> Result<(u8, &[u8]), WireError> {
     within("bytes of a message", body.len(), cap)?;
     body.split_first().map(|(tag, rest)| (*tag, rest)).ok_or(WireError::Empty)
 }
@@ -420,14 +444,18 @@ impl Opening {
         match self {
             Self::Control(hello) => {
                 hello.check()?;
-                let Hello { node, credentials, cached } = hello.clone();
+                let Hello { node, part, credentials, cached } = hello.clone();
                 let (credentials, cached) = (credentials.map(List), List(cached));
-                let head = HelloHead { magic: MAGIC, version, node, credentials, cached };
+                let head = HelloHead { magic: MAGIC, version, node, part, credentials, cached };
                 framed(out, tag::HELLO, MAX_OPENING_BYTES, |out| Ok(codec::encode_into(&head, out)?))
             }
             Self::Chunks(hello) => {
                 let head = ChunkHelloHead { magic: MAGIC, version, session: hello.session };
                 framed(out, tag::CHUNK_HELLO, MAX_OPENING_BYTES, |out| Ok(codec::encode_into(&head, out)?))
+            }
+            Self::Standby(StandbyHello { wall, scene }) => {
+                let head = StandbyHelloHead { magic: MAGIC, version, wall: *wall, scene: *scene };
+                framed(out, tag::STANDBY_HELLO, MAX_OPENING_BYTES, |out| Ok(codec::encode_into(&head, out)?))
             }
         }
     }
@@ -438,7 +466,7 @@ impl Opening {
     /// When it is no greeting of this version, or a part passes its cap.
     pub fn decode(body: &[u8]) -> Result<Self, WireError> {
         let (tag, rest) = split_tag(body, MAX_OPENING_BYTES)?;
-        if !matches!(tag, tag::HELLO | tag::CHUNK_HELLO) {
+        if !matches!(tag, tag::HELLO | tag::CHUNK_HELLO | tag::STANDBY_HELLO) {
             return Err(WireError::Tag { tag });
         }
         if !rest.starts_with(&MAGIC) {
@@ -448,14 +476,21 @@ impl Opening {
         if version != PROTOCOL_VERSION {
             return Err(WireError::Version { theirs: version });
         }
-        if tag == tag::HELLO {
-            let head: HelloHead = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
-            let hello = Hello { node: head.node, credentials: head.credentials.map(|list| list.0), cached: head.cached.0 };
-            hello.check()?;
-            Ok(Self::Control(hello))
-        } else {
-            let head: ChunkHelloHead = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
-            Ok(Self::Chunks(ChunkHello { session: head.session }))
+        match tag {
+            tag::HELLO => {
+                let HelloHead { node, part, credentials, cached, .. } = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
+                let hello = Hello { node, part, credentials: credentials.map(|list| list.0), cached: cached.0 };
+                hello.check()?;
+                Ok(Self::Control(hello))
+            }
+            tag::CHUNK_HELLO => {
+                let head: ChunkHelloHead = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
+                Ok(Self::Chunks(ChunkHello { session: head.session }))
+            }
+            _ => {
+                let StandbyHelloHead { wall, scene, .. } = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
+                Ok(Self::Standby(StandbyHello { wall, scene }))
+            }
         }
     }
 }

@@ -18,7 +18,7 @@
 //!
 //! | tag | message | from, to | header, bulk |
 //! |---|---|---|---|
-//! | 1 | [`Hello`] | node, control | magic `MULL`, version u32, node string, credentials `Option<bytes>`, cached list of hashes |
+//! | 1 | [`Hello`] | node, control | magic `MULL`, version u32, node string, part u32 ([`Part`]), credentials `Option<bytes>`, cached list of hashes |
 //! | 2 | [`ChunkHello`] | node, chunks | magic `MULL`, version u32, session u64 |
 //! | 3 | Ready | node, control | frame u64, [`Shown`] as an `Option` |
 //! | 4 | [`Stats`] | node, control | the fields of [`Stats`] |
@@ -33,6 +33,8 @@
 //! | 13 | Absent | master, chunks | hash |
 //! | 14 | [`Ping`] | node, control | at_us u64 |
 //! | 15 | [`Pong`] | master, control | at_us u64, master_us u64 |
+//! | 16 | [`StandbyHello`] | standby | magic `MULL`, version u32, hash of the wall, hash of the scene |
+//! | 17 | [`Course`] | master, standby | see [`Course`]; answered by Ready |
 //!
 //! # A session
 //! `Hello` → `Welcome`, `Manifest`; then the node opens its chunk connection with the session number that `Welcome`
@@ -52,6 +54,7 @@ pub mod codec;
 mod frame;
 mod message;
 mod ranges;
+mod standby;
 
 use std::time::Duration;
 
@@ -60,14 +63,15 @@ use thiserror::Error;
 pub use codec::CodecError;
 pub use frame::{Budget, Frame, FrameView, Moved};
 pub use message::{
-    Bye, ByeCode, ChunkHello, ChunkReply, Hello, Manifest, Opening, Piece, Ping, Pong, SectionRef, Shown, Stats, ToMaster,
+    Bye, ByeCode, ChunkHello, ChunkReply, Hello, Manifest, Opening, Part, Piece, Ping, Pong, SectionRef, Shown, Stats, ToMaster,
     ToTile, ViewSpec, Want, Welcome,
 };
+pub use standby::{Course, StandbyHello, ToStandby};
 
 use crate::scene::MAX_CHUNK_BYTES;
 
 /// Version of the protocol. Master and nodes speak only their own.
-pub const PROTOCOL_VERSION: u32 = 2;
+pub const PROTOCOL_VERSION: u32 = 3;
 /// First bytes of a greeting, after its tag.
 pub const MAGIC: [u8; 4] = *b"MULL";
 
@@ -96,6 +100,8 @@ pub const MAX_CACHED: usize = 8;
 pub const MAX_REASON_BYTES: usize = 512;
 /// Most views of a node.
 pub const MAX_VIEWS: usize = 2048;
+/// Most views of a wall.
+pub const MAX_WALL_VIEWS: usize = 1 << 16;
 /// Most sections in a manifest.
 pub const MAX_SECTIONS: usize = 16;
 /// Largest section that travels as a blob.
@@ -109,7 +115,7 @@ pub const SILENCE_LIMIT: Duration = Duration::from_secs(10);
 /// How often each side says something at least.
 pub const ALIVE_EVERY: Duration = Duration::from_secs(1);
 
-const GREETING_BYTES: usize = 1 + MAGIC.len() + 4 + 8 + MAX_NAME_BYTES + 1 + 8 + MAX_CREDENTIALS_BYTES + 8 + MAX_CACHED * 32;
+const GREETING_BYTES: usize = 1 + MAGIC.len() + 4 + 8 + MAX_NAME_BYTES + 4 + 1 + 8 + MAX_CREDENTIALS_BYTES + 8 + MAX_CACHED * 32;
 const _: () = assert!(GREETING_BYTES <= MAX_OPENING_BYTES, "a full greeting fits its cap");
 const _: () = assert!(1 + 8 + MAX_WANTED * 32 <= MAX_CHUNK_REQUEST_BYTES, "a full list fits its cap");
 const _: () = assert!(1 + 4 + 8 + MAX_REASON_BYTES <= MAX_OPENING_BYTES, "a refusal fits every cap");

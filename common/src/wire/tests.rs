@@ -10,7 +10,27 @@ use crate::visible_set::{LeafRange, VisibleDelta, VisibleSet};
 use crate::wall::{Eye, ObserverId, TileId, ViewId};
 
 fn hello() -> Opening {
-    Opening::Control(Hello { node: "t1x0".into(), credentials: Some(vec![7, 8]), cached: vec![ChunkHash([0xab; 32])] })
+    Opening::Control(Hello {
+        node: "t1x0".into(),
+        part: Part::Spare,
+        credentials: Some(vec![7, 8]),
+        cached: vec![ChunkHash([0xab; 32])],
+    })
+}
+
+fn standby_hello() -> Opening {
+    Opening::Standby(StandbyHello { wall: ChunkHash([0xab; 32]), scene: ChunkHash([0xcd; 32]) })
+}
+
+fn course() -> ToStandby {
+    ToStandby::Course(Course {
+        number: 9,
+        scene_time_s: 0.5,
+        world_from_room: DAffine3::from_translation(DVec3::new(1.0, 2.0, 4.0)),
+        base: Some(8),
+        eyes: vec![DVec3::new(0.0, 0.0, 2.0)],
+        moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
+    })
 }
 
 fn welcome() -> ToTile {
@@ -98,6 +118,8 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
         ("bye on chunks", bytes(|out| ChunkReply::Bye(bye.clone()).encode(out))),
         ("ping", bytes(|out| ToMaster::Ping(Ping { at_us: 258 }).encode(out))),
         ("pong", bytes(|out| ToTile::Pong(Pong { at_us: 258, master_us: 3 }).encode(out))),
+        ("standby hello", bytes(|out| standby_hello().encode(out))),
+        ("course", bytes(|out| course().encode(out))),
     ]
 }
 
@@ -105,15 +127,18 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
 fn golden_bytes() {
     let ab = "ab".repeat(32);
     let golden = [
-        ("hello", format!("01 4d554c4c02000000 0400000000000000 74317830 01 0200000000000000 0708 0100000000000000 {ab}")),
-        ("chunk hello", "02 4d554c4c02000000 0201000000000000".into()),
+        (
+            "hello",
+            format!("01 4d554c4c03000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
+        ),
+        ("chunk hello", "02 4d554c4c03000000 0201000000000000".into()),
         ("ready", "03 0201000000000000 01 0101000000000000 0700000000000000".into()),
         ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
         ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
         (
             "welcome",
             format!(
-                "06 02000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
+                "06 03000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
                  01000000 {} 80020000 e0010000 {} {} 0500000000000000",
                 f64s(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
                 f64s(&[0.25]),
@@ -142,6 +167,17 @@ fn golden_bytes() {
         ("bye on chunks", "05 03000000 0200000000000000 6e6f".into()),
         ("ping", "0e 0201000000000000".into()),
         ("pong", "0f 0201000000000000 0300000000000000".into()),
+        ("standby hello", format!("10 4d554c4c03000000 {ab} {}", "cd".repeat(32))),
+        (
+            "course",
+            format!(
+                "11 0900000000000000 {} {} 010800000000000000 01000000 01000000 {} 06000000 {}",
+                f64s(&[0.5]),
+                f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0]),
+                f64s(&[0.0, 0.0, 2.0]),
+                f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+            ),
+        ),
     ];
     for ((name, bytes), (golden_name, golden)) in samples().iter().zip(golden) {
         assert_eq!(*name, golden_name);
@@ -151,7 +187,12 @@ fn golden_bytes() {
 
 #[test]
 fn messages_go_round() {
-    assert_eq!(Opening::decode(body_of(&bytes(|out| hello().encode(out)))), Ok(hello()));
+    for opening in [hello(), standby_hello()] {
+        assert_eq!(Opening::decode(body_of(&bytes(|out| opening.encode(out)))), Ok(opening));
+    }
+    for message in [course(), ToStandby::Alive] {
+        assert_eq!(ToStandby::decode(body_of(&bytes(|out| message.encode(out)))), Ok(message));
+    }
     for message in [welcome(), manifest(), ToTile::Frame(frame()), ToTile::Swap { frame: 3 }, ToTile::Alive] {
         assert_eq!(ToTile::decode(body_of(&bytes(|out| message.encode(out)))), Ok(message));
     }
@@ -184,10 +225,12 @@ fn greetings_of_strangers_are_told_apart() {
 #[test]
 fn caps_hold_both_ways() {
     let mut out = Vec::new();
-    let too_long = Opening::Control(Hello { node: "x".repeat(MAX_NAME_BYTES + 1), credentials: None, cached: vec![] });
+    let too_long =
+        Opening::Control(Hello { node: "x".repeat(MAX_NAME_BYTES + 1), part: Part::Own, credentials: None, cached: vec![] });
     assert!(matches!(too_long.encode(&mut out), Err(WireError::Limit { .. })));
     let full = Opening::Control(Hello {
         node: "x".repeat(MAX_NAME_BYTES),
+        part: Part::Spare,
         credentials: Some(vec![0; MAX_CREDENTIALS_BYTES]),
         cached: vec![ChunkHash([0; 32]); MAX_CACHED],
     });
@@ -226,6 +269,7 @@ fn decode_all(body: &[u8]) {
     let _ = ToMaster::decode(body);
     let _ = Want::decode(body);
     let _ = ChunkReply::decode(body);
+    let _ = ToStandby::decode(body);
     if let Ok(ToTile::Frame(frame)) = ToTile::decode(body) {
         for set in frame.views.iter().flat_map(|v| [&v.leaves.removed, &v.leaves.added]) {
             assert!(set.ranges().iter().all(|r| r.start < r.end) && set.ranges().windows(2).all(|w| w[0].end < w[1].start));
@@ -243,14 +287,14 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn no_bytes_make_a_decoder_panic(tag in 0..18u8, rest in proptest::collection::vec(any::<u8>(), 0..300)) {
+    fn no_bytes_make_a_decoder_panic(tag in 0..20u8, rest in proptest::collection::vec(any::<u8>(), 0..300)) {
         decode_all(&[&[tag][..], &rest].concat());
         decode_all(&[&[tag][..], &MAGIC, &PROTOCOL_VERSION.to_le_bytes(), &rest].concat());
     }
 
     #[test]
     fn mutated_messages_do_not_panic(
-        which in 0..17usize, edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        which in 0..19usize, edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         keep in any::<prop::sample::Index>(), cut in any::<bool>(),
     ) {
         let mut body = body_of(&samples()[which].1).to_vec();

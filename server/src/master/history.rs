@@ -5,7 +5,7 @@ use std::collections::{HashMap, VecDeque};
 use glam::{DAffine3, DVec3};
 use mullion_common::scene::ObjectId;
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wire::{BASE_WINDOW, Frame, FrameView, Moved};
+use mullion_common::wire::{BASE_WINDOW, Course, Frame, FrameView, Moved};
 
 use super::FrameInput;
 use mullion_common::wall::ViewId;
@@ -64,6 +64,20 @@ impl History {
     /// Number of the newest frame.
     pub fn newest(&self) -> Option<u64> {
         self.past.back().map(|past| past.number)
+    }
+
+    /// Makes `course` that of the newest frame, for a standby that has acknowledged `acked`; false before the first.
+    pub fn course(&self, acked: Option<u64>, course: &mut Course) -> bool {
+        let Some(newest) = self.newest() else { return false };
+        course.number = newest;
+        course.scene_time_s = self.scene_time_s;
+        course.world_from_room = self.world_from_room;
+        course.base = acked.filter(|acked| *acked < newest);
+        course.eyes.clone_from(&self.eyes);
+        course.moved.clear();
+        let is_news = |at: &&MovedAt| course.base.is_none_or(|base| at.frame > base);
+        course.moved.extend(self.moved.iter().filter(is_news).map(|at| at.moved));
+        true
     }
 
     /// Makes `frame` the newest one for a node with these views that has acknowledged `acked`. Reuses its memory.

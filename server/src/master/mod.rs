@@ -10,6 +10,8 @@
 
 mod history;
 mod outbox;
+mod spares;
+mod standbys;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -20,13 +22,17 @@ use mullion_common::scene::ChunkHash;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, ChunkHello, Frame, Hello, Manifest, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Pong,
-    SILENCE_LIMIT, SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
+    ALIVE_EVERY, Bye, ByeCode, ChunkHello, Course, Frame, Hello, Manifest, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part,
+    Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
 };
 
 use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, Standing, SwapBarrier};
 use history::History;
 pub use outbox::{Full, Kind, MAX_QUEUED, Message, Outbox};
+pub use spares::SPARE_AFTER;
+use spares::Spare;
+use standbys::Standby;
+pub use standbys::{MAX_STANDBYS, TELL_STANDBYS_EVERY};
 
 /// Most connections that have not said yet who they are, beside one for each node of the wall.
 pub const MAX_UNNAMED: usize = 64;
@@ -56,7 +62,9 @@ pub struct MasterOptions {
     pub barrier: BarrierOptions,
     /// When frames are wanted.
     pub pace: Pace,
-    /// How many frames the show has; `None`: until it is stopped.
+    /// Number of the first frame: 0, but for a master that takes another's place.
+    pub first_frame: u64,
+    /// How many frames the show has, from frame 0 on; `None`: until it is stopped.
     pub frames: Option<u64>,
     /// What tiles fetch before they draw.
     pub sections: Vec<SectionRef>,
@@ -114,6 +122,13 @@ pub enum Output {
         /// Which frame and when, by the node's estimate of the time that `now` tells.
         shown: Shown,
     },
+    /// A spare took the place of a node that is missing.
+    StoodIn {
+        /// The place.
+        node: NodeIndex,
+        /// What the spare calls itself.
+        spare: String,
+    },
     /// Call [`Master::begin_frame`] with that number.
     WantFrame {
         /// The number.
@@ -149,9 +164,21 @@ pub struct FrameReleased {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Peer {
-    Unnamed { deadline: Duration },
+    Unnamed {
+        deadline: Duration,
+    },
     Node(NodeIndex),
     Chunks(NodeIndex),
+    /// Waits for a place.
+    Spare,
+    Standby,
+}
+
+/// Who has a node's place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Holder {
+    Own,
+    Spare,
 }
 
 #[derive(Debug)]
@@ -159,6 +186,8 @@ struct NodeState {
     name: String,
     views: Vec<ViewId>,
     connection: Option<Connection>,
+    /// When it was last heard of, or the show began.
+    absent_since: Duration,
     /// Bytes of its last frame message.
     frame_bytes: u32,
     passed_over: u64,
@@ -168,6 +197,7 @@ struct NodeState {
 #[derive(Debug)]
 struct Connection {
     peer: PeerId,
+    holder: Holder,
     chunk_peer: Option<PeerId>,
     session: u64,
     heard: Duration,
@@ -191,6 +221,8 @@ pub struct Master {
     epoch: u32,
     peers: BTreeMap<PeerId, Peer>,
     nodes: Vec<NodeState>,
+    spares: Vec<Spare>,
+    standbys: Vec<Standby>,
     barrier: SwapBarrier,
     history: History,
     phase: Phase,
@@ -201,6 +233,7 @@ pub struct Master {
     outputs: VecDeque<Output>,
     pool: Vec<Vec<u8>>,
     scratch: Frame,
+    course: Course,
 }
 
 impl Master {
@@ -210,6 +243,7 @@ impl Master {
             name: node.name.clone(),
             views: node.tiles.iter().flat_map(|tile| wall.views_of(*tile)).collect(),
             connection: None,
+            absent_since: now,
             frame_bytes: 0,
             passed_over: 0,
             stats: Stats::default(),
@@ -218,18 +252,21 @@ impl Master {
         Self {
             barrier: SwapBarrier::new(nodes.len(), options.barrier.clone()),
             wall,
-            options,
             epoch: 1,
             peers: BTreeMap::new(),
             nodes,
+            spares: Vec::new(),
+            standbys: Vec::new(),
             history: History::default(),
             phase: Phase::Idle { due: now },
             beat: now,
-            next_frame: 0,
+            next_frame: options.first_frame,
             sessions: 0,
             outputs: VecDeque::new(),
             pool: Vec::new(),
             scratch: Frame::default(),
+            course: Course::default(),
+            options,
         }
     }
 
@@ -249,7 +286,9 @@ impl Master {
     pub fn handle_body(&mut self, peer: PeerId, body: &[u8], now: Duration) {
         let result = match self.peers.get(&peer) {
             Some(Peer::Unnamed { .. }) => Opening::decode(body).map(|opening| self.handle_opening(peer, opening, now)),
-            Some(Peer::Node(_)) => ToMaster::decode(body).map(|message| self.handle_message(peer, message, now)),
+            Some(Peer::Node(_) | Peer::Spare | Peer::Standby) => {
+                ToMaster::decode(body).map(|message| self.handle_message(peer, message, now))
+            }
             Some(Peer::Chunks(_)) | None => Ok(()),
         };
         if let Err(error) = result {
@@ -276,16 +315,26 @@ impl Master {
     pub fn handle_opening(&mut self, peer: PeerId, opening: Opening, now: Duration) {
         if matches!(self.peers.get(&peer), Some(Peer::Unnamed { .. })) {
             match opening {
+                Opening::Control(hello) if hello.part == Part::Spare => self.greet_spare(peer, &hello, now),
                 Opening::Control(hello) => self.greet(peer, &hello, now),
+                Opening::Standby(hello) => self.greet_standby(peer, &hello, now),
                 Opening::Chunks(hello) => self.open_chunks(peer, hello),
             }
             self.advance(now);
         }
     }
 
-    /// A message of a node came in.
+    /// A message of a node, a spare or a standby came in.
     pub fn handle_message(&mut self, peer: PeerId, message: ToMaster, now: Duration) {
-        let Some(&Peer::Node(node)) = self.peers.get(&peer) else { return };
+        let node = match self.peers.get(&peer) {
+            Some(Peer::Node(node)) => *node,
+            Some(Peer::Spare) => {
+                self.handle_spare(peer, &message, now);
+                return self.advance(now);
+            }
+            Some(Peer::Standby) => return self.handle_standby(peer, message, now),
+            Some(Peer::Unnamed { .. } | Peer::Chunks(_)) | None => return,
+        };
         let state = &mut self.nodes[usize::from(node.0)];
         let Some(connection) = &mut state.connection else { return };
         connection.heard = now;
@@ -337,6 +386,8 @@ impl Master {
                 self.send(node, &ToTile::Alive, Kind::Alive, now);
             }
         }
+        self.mind_spares(now);
+        self.mind_standbys(now);
         self.advance(now);
     }
 
@@ -353,7 +404,7 @@ impl Master {
             Phase::Running => self.barrier.deadline(),
             Phase::Wanted | Phase::Over => None,
         };
-        unnamed.chain(connected).chain(beat).min()
+        unnamed.chain(connected).chain(beat).chain(self.spares_timeout()).chain(self.standbys_timeout()).min()
     }
 
     /// Begins the frame that was wanted, and sends it to every node. `is_done` is called whenever part of a stage is done, for those
@@ -372,6 +423,8 @@ impl Master {
         for node in 0..self.nodes.len() as u16 {
             self.send_frame(NodeIndex(node), now, is_done);
         }
+        self.send_courses(now);
+        is_done(Stage::Encode);
         self.advance(now);
     }
 
@@ -428,6 +481,8 @@ impl Master {
     pub fn name_of(&self, peer: PeerId) -> Option<&str> {
         match self.peers.get(&peer)? {
             Peer::Unnamed { .. } => None,
+            Peer::Spare => self.spare_name(peer),
+            Peer::Standby => Some("standby"),
             Peer::Node(node) | Peer::Chunks(node) => Some(&self.nodes[usize::from(node.0)].name),
         }
     }
@@ -441,22 +496,31 @@ impl Master {
         };
         if let Some(old) = &self.nodes[index].connection {
             let (old_peer, silent) = (old.peer, now.saturating_sub(old.heard));
-            if silent < TAKEOVER_AFTER {
+            if old.holder == Holder::Own && silent < TAKEOVER_AFTER {
                 let reason = format!("node {:?} is connected and alive", hello.node);
                 return self.dismiss(peer, Bye::new(ByeCode::AlreadyConnected, reason));
             }
-            self.dismiss(old_peer, Bye::new(ByeCode::Timeout, "silent, and another connection took its name"));
+            let bye = match old.holder {
+                Holder::Own => Bye::new(ByeCode::Timeout, "silent, and another connection took its name"),
+                Holder::Spare => Bye::new(ByeCode::Leaving, format!("node {:?} is back", hello.node)),
+            };
+            self.dismiss(old_peer, bye);
         }
-        let node = NodeIndex(index as u16);
+        self.admit(peer, NodeIndex(index as u16), Holder::Own, now);
+    }
+
+    /// Gives a node's place to a connection.
+    fn admit(&mut self, peer: PeerId, node: NodeIndex, holder: Holder, now: Duration) {
+        let index = usize::from(node.0);
         let session = self.new_session();
         self.peers.insert(peer, Peer::Node(node));
-        let connection = Connection { peer, chunk_peer: None, session, heard: now, said: now, acked: None };
+        let connection = Connection { peer, holder, chunk_peer: None, session, heard: now, said: now, acked: None };
         self.nodes[index].connection = Some(connection);
         self.barrier.join(node);
         let welcome = Welcome {
             version: PROTOCOL_VERSION,
             session,
-            node: hello.node.clone(),
+            node: self.nodes[index].name.clone(),
             views: self.nodes[index].views.iter().map(|view| ViewSpec::of(&self.wall, *view)).collect(),
             rate_hz: self.wall.rate_hz(),
             next_frame: self.next_frame,
@@ -590,7 +654,9 @@ impl Master {
             Some(Peer::Node(node)) => {
                 let state = &mut self.nodes[usize::from(node.0)];
                 state.frame_bytes = 0;
-                let chunk_peer = state.connection.take().and_then(|c| c.chunk_peer);
+                let connection = state.connection.take();
+                state.absent_since = connection.as_ref().map_or(state.absent_since, |c| c.heard);
+                let chunk_peer = connection.and_then(|c| c.chunk_peer);
                 self.barrier.leave(node);
                 if let Some(chunks) = chunk_peer.filter(|c| self.peers.remove(c).is_some()) {
                     let bye = Bye::new(ByeCode::Leaving, "the node's control connection ended");
@@ -602,6 +668,8 @@ impl Master {
                     connection.chunk_peer = connection.chunk_peer.filter(|c| *c != peer);
                 }
             }
+            Some(Peer::Spare) => self.forget_spare(peer),
+            Some(Peer::Standby) => self.forget_standby(peer),
             Some(Peer::Unnamed { .. }) | None => {}
         }
     }

@@ -7,6 +7,7 @@ mod blobs;
 mod connection;
 mod mailbox;
 mod pose;
+mod standby;
 
 use std::collections::BTreeMap;
 use std::collections::hash_map::RandomState;
@@ -20,7 +21,7 @@ use std::time::{Duration, Instant};
 use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES, Shown};
+use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES, Moved, Shown};
 use thiserror::Error;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{mpsc, oneshot, watch};
@@ -32,6 +33,7 @@ use blobs::Blobs;
 use connection::{Connection, Event, Role};
 use mailbox::Mailbox;
 pub use pose::Pose;
+use standby::Inherited;
 
 /// Events that may wait for the master's loop; beyond, connections are not read.
 const MAX_EVENTS: usize = 256;
@@ -62,6 +64,8 @@ pub struct ShowOptions {
     pub frames: Option<u64>,
     /// How many a second.
     pub rate: Rate,
+    /// Host and port of a master to stand by for: the show begins when that one is gone.
+    pub standby_of: Option<String>,
 }
 
 impl ShowOptions {
@@ -73,6 +77,7 @@ impl ShowOptions {
             start_nodes: Vec::new(),
             frames: None,
             rate: Rate::Hz(wall.rate_hz()),
+            standby_of: None,
         }
     }
 
@@ -100,6 +105,14 @@ pub enum NodeEvent {
     /// Its connection is gone, for a reason of one line. The show goes on.
     #[allow(missing_docs)]
     Left { node: String, reason: String },
+    /// A spare took the place of a node that is missing.
+    #[allow(missing_docs)]
+    StoodIn { node: String, spare: String },
+    /// This master stands by for another.
+    StandingBy,
+    /// The other master is gone: this one goes on from a frame.
+    #[allow(missing_docs)]
+    TookOver { frame: u64, reason: String },
 }
 
 /// Is told of nodes that come and go. Must be quick: the wall waits.
@@ -186,6 +199,8 @@ pub enum ServiceError {
     Rate(f64),
     #[error("frame {frame}: {problem}")]
     Pose { frame: u64, problem: String },
+    #[error("the master to stand by for refused: {0}")]
+    Standby(Bye),
     #[error("network: {0}")]
     Network(#[from] io::Error),
 }
@@ -208,7 +223,7 @@ pub fn run(listener: std::net::TcpListener, show: Show) -> Result<ShowReport, Se
 /// # Errors
 /// When the scene's sections for tiles are missing or larger than tiles take, the rate is none, or the camera gives a pose
 /// that nodes would leave over: not an eye for each view, a number that is not finite, an object that the scene lacks. The network's faults are the peers' and are logged.
-pub async fn serve(listener: TcpListener, show: Show) -> Result<ShowReport, ServiceError> {
+pub async fn serve(listener: TcpListener, mut show: Show) -> Result<ShowReport, ServiceError> {
     let pace = match show.options.rate {
         Rate::AsFastAsPossible => Pace::AsFastAsPossible,
         Rate::Hz(hz) if hz.is_finite() && hz > 0.0 => Pace::Every(Duration::from_secs_f64(1.0 / hz)),
@@ -216,8 +231,22 @@ pub async fn serve(listener: TcpListener, show: Show) -> Result<ShowReport, Serv
     };
     let (blobs, sections) = Blobs::new(Arc::clone(&show.package))?;
     let (wait, start_wait) = (show.options.barrier_wait, show.options.start_wait);
+    let inherited = match show.options.standby_of.clone() {
+        None => Inherited::default(),
+        Some(master) => match standby::stand_by(&listener, &master, &mut show, &sections).await? {
+            Some(inherited) => inherited,
+            None => return Ok(ShowReport::default()), // the show ended before it was this master's turn
+        },
+    };
     let barrier = BarrierOptions { wait, start_wait, start_nodes: show.options.start_nodes.clone() };
-    let options = MasterOptions { barrier, pace, frames: show.options.frames, sections, session_seed: random_bytes() };
+    let options = MasterOptions {
+        barrier,
+        pace,
+        first_frame: inherited.first_frame,
+        frames: show.options.frames,
+        sections,
+        session_seed: random_bytes(),
+    };
     let (events, inbox) = mpsc::channel(MAX_EVENTS);
     let service = Service {
         master: Master::new(Arc::clone(&show.wall), options, Duration::ZERO),
@@ -236,6 +265,7 @@ pub async fn serve(listener: TcpListener, show: Show) -> Result<ShowReport, Serv
         is_finished: false,
         fault: None,
         wanted: None,
+        inherited: inherited.moved,
         show,
     };
     service.run(listener, inbox).await
@@ -279,6 +309,8 @@ struct Service {
     /// Why the show ends early, where this side is to blame.
     fault: Option<ServiceError>,
     wanted: Option<u64>,
+    /// Objects that moved under the master before.
+    inherited: Vec<Moved>,
     show: Show,
 }
 
@@ -432,6 +464,10 @@ impl Service {
             }
             Output::FrameReleased(released) => self.report_frame(released),
             Output::Shown { node, shown } => (self.show.shown_observer)(node, &shown),
+            Output::StoodIn { node, spare } => {
+                let node = self.show.wall.nodes()[usize::from(node.0)].name.clone();
+                (self.show.node_observer)(&NodeEvent::StoodIn { node, spare });
+            }
             Output::WantFrame { number } => self.wanted = Some(number),
             Output::Finished => self.is_finished = true,
         }
@@ -448,7 +484,11 @@ impl Service {
         if self.is_finished {
             return;
         }
-        let pose = (self.show.camera)(number);
+        let mut pose = (self.show.camera)(number);
+        if !self.inherited.is_empty() {
+            let newer = std::mem::replace(&mut pose.moved, std::mem::take(&mut self.inherited));
+            pose.moved.extend(newer);
+        }
         if let Err(problem) = pose.check(self.show.wall.views().len(), self.show.package.scene.manifest.transforms.len()) {
             let fault = ServiceError::Pose { frame: number, problem };
             self.master.handle_shutdown(&Bye::new(ByeCode::Failed, fault.to_string()));

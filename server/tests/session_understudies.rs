@@ -1,0 +1,229 @@
+//! Goal: a spare fills a place that is empty and gives it back; a standby knows where the show stands, and only of its own show.
+//! Method: the master alone, driven message by message on virtual time.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use glam::{DAffine3, DVec3};
+use mullion_common::scene::{ObjectId, Transform};
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::{Wall, WallConfig};
+use mullion_common::wire::{
+    ALIVE_EVERY, ByeCode, Course, Hello, Moved, Opening, Part, Ping, SILENCE_LIMIT, StandbyHello, Stats, ToMaster, ToStandby,
+    ToTile, body_of,
+};
+use mullion_server::master::{
+    FrameInput, MAX_STANDBYS, Master, MasterOptions, Output, Pace, PeerId, SPARE_AFTER, TAKEOVER_AFTER, TELL_STANDBYS_EVERY,
+};
+use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
+
+const NODE: PeerId = PeerId(1);
+const OTHER: PeerId = PeerId(2);
+const SPARE: PeerId = PeerId(3);
+const STANDBY: PeerId = PeerId(4);
+
+fn ms(ms: u64) -> Duration {
+    Duration::from_millis(ms)
+}
+
+fn wall(columns: u32) -> Arc<Wall> {
+    let text = format!("[grid]\ncolumns = {columns}\nrows = 1\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\n");
+    Arc::new(WallConfig::parse(&text).unwrap())
+}
+
+fn master(first_frame: u64) -> Master {
+    let barrier = BarrierOptions { wait: ms(14), start_wait: Duration::ZERO, start_nodes: vec![] };
+    let pace = Pace::Every(ms(10));
+    let options = MasterOptions { barrier, pace, first_frame, frames: None, sections: vec![], session_seed: [1; 32] };
+    Master::new(wall(2), options, Duration::ZERO)
+}
+
+fn outputs(master: &mut Master) -> Vec<Output> {
+    std::iter::from_fn(|| master.poll_output()).collect()
+}
+
+fn bodies(outputs: &[Output], to: PeerId) -> Vec<&[u8]> {
+    let bodies = outputs.iter().filter_map(|o| match o {
+        Output::Send { peer, message } if *peer == to => Some(body_of(&message.bytes)),
+        _ => None,
+    });
+    bodies.collect()
+}
+
+fn sent(outputs: &[Output], to: PeerId) -> Vec<ToTile> {
+    bodies(outputs, to).into_iter().map(|body| ToTile::decode(body).unwrap()).collect()
+}
+
+fn courses(outputs: &[Output]) -> Vec<Course> {
+    let courses = bodies(outputs, STANDBY).into_iter().map(|body| match ToStandby::decode(body).unwrap() {
+        ToStandby::Course(course) => course,
+        other => panic!("{other:?}"),
+    });
+    courses.collect()
+}
+
+fn closed(outputs: &[Output], which: PeerId) -> Option<ByeCode> {
+    outputs.iter().find_map(|o| match o {
+        Output::Close { peer, bye } if *peer == which => Some(bye.code),
+        _ => None,
+    })
+}
+
+fn join(master: &mut Master, peer: PeerId, node: &str, part: Part, now: Duration) -> Vec<Output> {
+    master.handle_connected(peer, now);
+    master.handle_opening(peer, Opening::Control(Hello { node: node.into(), part, credentials: None, cached: vec![] }), now);
+    outputs(master)
+}
+
+fn moved(object: u32, x: f64) -> Moved {
+    Moved { object: ObjectId(object), transform: Transform::from(DAffine3::from_translation(DVec3::new(x, 1.0, 2.0))) }
+}
+
+fn begin(master: &mut Master, number: u64, moved: &[Moved], now: Duration) -> Vec<Output> {
+    master.handle_timeout(now);
+    let input = FrameInput {
+        number,
+        scene_time_s: number as f64,
+        world_from_room: DAffine3::from_translation(DVec3::new(number as f64, 0.0, 0.0)),
+        eyes: &[DVec3::Z, DVec3::new(1.0, 2.0, 3.0)],
+        shared_eye: DVec3::Z,
+        sets: &[VisibleSet::all(5), VisibleSet::default()],
+        moved,
+    };
+    master.begin_frame(&input, now, &mut |_| {});
+    outputs(master)
+}
+
+/// Both nodes live and heard of; the spare waits.
+fn with_a_spare() -> Master {
+    let mut master = master(0);
+    join(&mut master, NODE, "t0x0", Part::Own, ms(0));
+    join(&mut master, OTHER, "t1x0", Part::Own, ms(0));
+    assert_eq!(join(&mut master, SPARE, "attic", Part::Spare, ms(0)), [], "a spare without a place is told nothing");
+    assert_eq!(master.name_of(SPARE), Some("attic"));
+    master
+}
+
+fn say(master: &mut Master, peer: PeerId, now: Duration) {
+    master.handle_message(peer, ToMaster::Stats(Stats::default()), now);
+}
+
+#[test]
+fn a_spare_takes_an_empty_place_and_its_owner_takes_it_back() {
+    let mut master = with_a_spare();
+    begin(&mut master, 0, &[], ms(0));
+    master.handle_disconnected(NODE, ms(100));
+    for peer in [OTHER, SPARE] {
+        say(&mut master, peer, ms(900));
+    }
+    master.handle_timeout(SPARE_AFTER - ms(1));
+    assert!(sent(&outputs(&mut master), SPARE).is_empty(), "the node may be back at once");
+    assert_eq!(master.next_timeout(), Some(SPARE_AFTER), "the place has been empty since the node's last word");
+    master.handle_timeout(SPARE_AFTER);
+    let out = outputs(&mut master);
+    assert!(out.contains(&Output::StoodIn { node: NodeIndex(0), spare: "attic".into() }), "{out:?}");
+    let [ToTile::Welcome(welcome), ToTile::Manifest(_), ToTile::Frame(frame)] = &sent(&out, SPARE)[..] else { panic!("{out:?}") };
+    assert_eq!((welcome.node.as_str(), welcome.views[0].tile_name.as_str(), frame.number), ("t0x0", "t0x0", 0));
+    master.handle_message(SPARE, ToMaster::Ready { frame: 0, shown: None }, SPARE_AFTER + ms(1));
+    assert_ne!(master.standing(NodeIndex(0)), Standing::Absent);
+
+    let out = join(&mut master, PeerId(9), "t0x0", Part::Own, SPARE_AFTER + ms(50));
+    assert_eq!((closed(&out, SPARE), closed(&out, PeerId(9))), (Some(ByeCode::Leaving), None));
+    assert!(ByeCode::Leaving.is_retryable(), "it comes back as a spare");
+    assert!(matches!(&sent(&out, PeerId(9))[..], [ToTile::Welcome(_), ToTile::Manifest(_), ToTile::Frame(_)]));
+}
+
+#[test]
+fn a_node_that_hangs_loses_its_place_where_there_is_a_spare() {
+    let mut master = with_a_spare();
+    for second in 1..=3 {
+        let now = ALIVE_EVERY * second;
+        say(&mut master, OTHER, now);
+        say(&mut master, SPARE, now);
+        assert_eq!(TAKEOVER_AFTER, ms(3000));
+        master.handle_timeout(now);
+        let out = outputs(&mut master);
+        assert_eq!(closed(&out, NODE), (second == 3).then_some(ByeCode::Timeout), "{second} s");
+    }
+    assert_eq!(master.name_of(SPARE), Some("t0x0"));
+}
+
+#[test]
+fn spares_are_bounded_kept_informed_and_let_go_when_silent() {
+    let mut master = with_a_spare();
+    master.handle_message(SPARE, ToMaster::Ping(Ping { at_us: 5 }), ms(1));
+    assert!(matches!(&sent(&outputs(&mut master), SPARE)[..], [ToTile::Pong(pong)] if pong.at_us == 5));
+    join(&mut master, PeerId(10), "shed", Part::Spare, ms(1));
+    let out = join(&mut master, PeerId(11), "cellar", Part::Spare, ms(1));
+    assert_eq!(closed(&out, PeerId(11)), Some(ByeCode::TooMany), "as many as there are nodes");
+    master.handle_message(PeerId(10), ToMaster::Ready { frame: 0, shown: None }, ms(2));
+    assert_eq!(closed(&outputs(&mut master), PeerId(10)), Some(ByeCode::Malformed), "ready with nothing");
+    let mut alive = 0;
+    for second in 1..=10 {
+        let now = ALIVE_EVERY * second;
+        say(&mut master, NODE, now);
+        say(&mut master, OTHER, now);
+        master.handle_timeout(now);
+        alive += sent(&outputs(&mut master), SPARE).iter().filter(|m| **m == ToTile::Alive).count();
+    }
+    assert_eq!(alive, 9, "once a second, but for the second in which it was answered");
+    master.handle_timeout(SILENCE_LIMIT + ms(1));
+    let out = outputs(&mut master);
+    assert_eq!(closed(&out, SPARE), Some(ByeCode::Timeout));
+    assert_eq!((closed(&out, NODE), master.connected()), (None, 2), "nobody else is touched");
+    master.handle_disconnected(SPARE, SILENCE_LIMIT + ms(2));
+}
+
+fn stand_by(master: &mut Master, peer: PeerId, hello: StandbyHello, now: Duration) -> Vec<Output> {
+    master.handle_connected(peer, now);
+    master.handle_opening(peer, Opening::Standby(hello), now);
+    outputs(master)
+}
+
+#[test]
+fn a_standby_hears_of_every_frame_and_of_all_that_moved() {
+    let mut first = master(0);
+    begin(&mut first, 0, &[moved(7, 1.0)], ms(0));
+    let hello = StandbyHello::of(&wall(2), &[]).unwrap();
+    let out = stand_by(&mut first, STANDBY, hello, ms(1));
+    let [course] = &courses(&out)[..] else { panic!("{out:?}") };
+    assert_eq!((course.number, course.base, course.scene_time_s), (0, None, 0.0));
+    assert_eq!(
+        (course.eyes.as_slice(), course.moved.as_slice()),
+        (&[DVec3::Z, DVec3::new(1.0, 2.0, 3.0)][..], &[moved(7, 1.0)][..])
+    );
+    first.handle_message(STANDBY, ToMaster::Ready { frame: 0, shown: None }, ms(2));
+    first.handle_timeout(ms(14));
+    // What it has not acknowledged comes again.
+    for (number, expected) in [(1, vec![moved(3, 1.0)]), (2, vec![moved(3, 1.0), moved(8, 2.0)])] {
+        let now = ms(20 * number);
+        let out = begin(&mut first, number, &expected[expected.len() - 1..], now);
+        let [course] = &courses(&out)[..] else { panic!("{out:?}") };
+        assert_eq!((course.number, course.base, &course.moved), (number, Some(0), &expected));
+        first.handle_timeout(now + ms(14));
+        outputs(&mut first);
+    }
+    assert_eq!(first.connected(), 0, "a standby is no node: no frame waits for it");
+    first.handle_timeout(ms(40) + TELL_STANDBYS_EVERY);
+    let out = outputs(&mut first);
+    assert!(bodies(&out, STANDBY).iter().any(|body| ToStandby::decode(body) == Ok(ToStandby::Alive)), "{out:?}");
+
+    let mut second = master(3);
+    second.handle_timeout(ms(0));
+    assert_eq!(outputs(&mut second), [Output::WantFrame { number: 3 }], "the heir counts on");
+}
+
+#[test]
+fn a_standby_of_another_show_or_one_too_many_is_told_so() {
+    let mut master = master(0);
+    let hello = StandbyHello::of(&wall(2), &[]).unwrap();
+    let other = StandbyHello::of(&wall(3), &[]).unwrap();
+    assert_eq!(closed(&stand_by(&mut master, PeerId(20), other, ms(0)), PeerId(20)), Some(ByeCode::Refused));
+    for i in 0..=MAX_STANDBYS as u64 {
+        let peer = PeerId(30 + i);
+        let out = stand_by(&mut master, peer, hello, ms(0));
+        assert_eq!(closed(&out, peer), (i == MAX_STANDBYS as u64).then_some(ByeCode::TooMany));
+    }
+    master.handle_timeout(SILENCE_LIMIT);
+    assert_eq!(closed(&outputs(&mut master), PeerId(30)), Some(ByeCode::Timeout));
+}
