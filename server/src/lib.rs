@@ -2,6 +2,7 @@
 pub mod cull;
 pub mod generate;
 pub mod master;
+pub mod metrics;
 pub mod prepare;
 pub mod service;
 pub mod swap_barrier;

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES, Moved, Shown};
+use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES, Moved, Shown, Stats};
 use thiserror::Error;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{mpsc, oneshot, watch};
@@ -162,6 +162,8 @@ pub struct FrameReport {
     pub waited: Duration,
     /// Bytes of each node's frame message, by `NodeIndex`; 0 for nodes that are not connected.
     pub frame_bytes: Vec<u32>,
+    /// What each node last said of itself, by `NodeIndex`.
+    pub node_stats: Vec<Stats>,
     /// Nodes that held it up and are not waited for any more.
     pub passed_over: Vec<NodeIndex>,
     /// Nodes connected.
@@ -484,6 +486,7 @@ impl Service {
         if self.is_finished {
             return;
         }
+        let _frame = tracing::debug_span!("frame", number).entered();
         let mut pose = (self.show.camera)(number);
         if !self.inherited.is_empty() {
             let newer = std::mem::replace(&mut pose.moved, std::mem::take(&mut self.inherited));
@@ -497,7 +500,7 @@ impl Service {
         }
         self.sets.iter_mut().for_each(VisibleSet::clear);
         let before_cull = Instant::now();
-        (self.show.cull)(&pose, &mut self.sets);
+        tracing::debug_span!("cull").in_scope(|| (self.show.cull)(&pose, &mut self.sets));
         self.frame.cull = before_cull.elapsed();
         let input = FrameInput {
             number,
@@ -508,6 +511,7 @@ impl Service {
             sets: &self.sets,
             moved: &pose.moved,
         };
+        let _send = tracing::debug_span!("send").entered();
         let mut before = Instant::now();
         (self.frame.diff, self.frame.encode) = (Duration::ZERO, Duration::ZERO);
         self.master.begin_frame(&input, self.started.elapsed(), &mut |stage| {
@@ -533,6 +537,8 @@ impl Service {
         frame.connected = self.master.connected() as u32;
         frame.frame_bytes.clear();
         frame.frame_bytes.extend(self.master.frame_bytes());
+        frame.node_stats.clear();
+        frame.node_stats.extend(self.master.stats());
         frame.chunk_bytes = self.chunk_bytes.load(Ordering::Relaxed);
         for node in &frame.passed_over {
             tracing::info!("frame {}: passed over node {:?}", frame.number, self.show.wall.nodes()[usize::from(node.0)].name);
