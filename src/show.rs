@@ -172,11 +172,12 @@ fn keep(values: &mut VecDeque<f64>, value: f64) {
     values.push_back(value);
 }
 
-/// Median, 99th percentile and greatest of some values.
+/// Median, 99th and 99.9th percentile, and greatest of some values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Spread {
     pub median: f64,
     pub p99: f64,
+    pub p999: f64,
     pub max: f64,
 }
 
@@ -186,7 +187,7 @@ impl Spread {
         let mut sorted: Vec<f64> = values.into_iter().collect();
         sorted.sort_by(f64::total_cmp);
         let at = |share: f64| sorted.get(((sorted.len().max(1) - 1) as f64 * share).ceil() as usize).copied().unwrap_or(0.0);
-        Self { median: at(0.5), p99: at(0.99), max: at(1.0) }
+        Self { median: at(0.5), p99: at(0.99), p999: at(0.999), max: at(1.0) }
     }
 }
 
@@ -248,8 +249,13 @@ impl Summary {
         }
         let (cull, frame) = (self.cull_us, self.frame_ms);
         say!("frames         {}", self.frames);
-        say!("cull           {:.0} µs median, {:.0} µs p99, for all tiles together", cull.median, cull.p99);
-        say!("frame          {:.1} ms median, {:.1} ms p99", frame.median, frame.p99);
+        say!(
+            "cull           {:.0} µs median, {:.0} µs p99, {:.0} µs p99.9, for all tiles together",
+            cull.median,
+            cull.p99,
+            cull.p999
+        );
+        say!("frame          {:.1} ms median, {:.1} ms p99, {:.1} ms p99.9", frame.median, frame.p99, frame.p999);
         say!("sent           {} bytes of frames, {} bytes of scene", self.frame_bytes, self.chunk_bytes);
     }
 }

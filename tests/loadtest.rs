@@ -51,6 +51,21 @@ fn a_process_dies_and_another_hangs_and_no_set_is_wrong() {
 }
 
 #[test]
+fn hostile_peers_change_nothing_for_the_others() {
+    let folder = TempDir::new().expect("a folder");
+    let json = folder.path().join("load.json").display().to_string();
+    let arguments = ["loadtest", "--scene", "palace", "--grid", "2x2", "--processes", "1", "--seconds", "2", "--hz", "20"];
+    let outcome = mullion(&[&arguments[..], &["--on-time", "0", "--hostile", "3", "--json", &json]].concat(), LIMIT);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.err);
+    let report: Value = serde_json::from_slice(&fs::read(&json).expect("a report")).expect("JSON");
+    let done = &report["done"];
+    assert_eq!((done["connections"].as_u64(), done["left"].as_u64()), (Some(3), Some(0)), "nobody else lost its connection");
+    assert!(report["hostile_connections"].as_u64().is_some_and(|count| count > 3), "{report}");
+    let warnings = outcome.err.lines().count() as u64;
+    assert!(warnings <= 4 * outcome.took.as_secs() + 8, "the log stays readable: {warnings} lines");
+}
+
+#[test]
 fn what_was_asked_for_and_not_reached_is_an_error() {
     let outcome = mullion(&["loadtest", "--scene", "palace", "--grid", "1x1", "--seconds", "1", "--hz", "nonsense"], LIMIT);
     assert_eq!(outcome.code, Some(2));

@@ -78,16 +78,19 @@ impl Metrics {
     pub fn new(wall: &Wall) -> (Self, MetricsReader) {
         let mut registry = Registry::with_prefix("mullion");
         let histogram = || Histogram::new(exponential_buckets(FIRST_BUCKET_S, BUCKET_STEP, BUCKETS));
-        let stages = Family::<OfStage, Histogram, _>::new_with_constructor(
-            histogram as fn() -> Histogram,
-        );
+        let stages = Family::<OfStage, Histogram, _>::new_with_constructor(histogram as fn() -> Histogram);
         let (waited, skew) = (histogram(), histogram());
-        let [frames, joined, left, stood_in, chunk_bytes] = [const { () }; 5].map(|()| Counter::default());
-        let [connected, shown_by] = [const { () }; 2].map(|()| Gauge::default());
+        let [frames, joined, left, stood_in, chunk_bytes] = std::array::from_fn(|_| Counter::default());
+        let [connected, shown_by] = std::array::from_fn(|_| Gauge::default());
         registry.register("frames", "Frames released", frames.clone());
         registry.register_with_unit("frame_stage", "The master's work on a frame", Unit::Seconds, stages.clone());
         registry.register_with_unit("frame_wait", "From a frame's beginning to its release", Unit::Seconds, waited.clone());
-        registry.register_with_unit("swap_skew", "From the first node that showed a frame to the last", Unit::Seconds, skew.clone());
+        registry.register_with_unit(
+            "swap_skew",
+            "From the first node that showed a frame to the last",
+            Unit::Seconds,
+            skew.clone(),
+        );
         registry.register("nodes_connected", "Nodes that are connected", connected.clone());
         registry.register("nodes_showing", "Nodes that were told to show the newest frame", shown_by.clone());
         registry.register("node_joins", "Connections of nodes that were greeted", joined.clone());

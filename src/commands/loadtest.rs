@@ -18,6 +18,7 @@ use crate::camera::PathSource;
 use crate::files::{claim, open_named_scene, open_wall, write_json};
 use crate::load::clients::{ClientProcesses, Clients};
 use crate::load::faults::{self, Faults};
+use crate::load::hostile::HostilePeers;
 use crate::load::{Bearing, Tally, Verdict, peak_bytes};
 use crate::pixels::Grid;
 use crate::progress::Progress;
@@ -62,6 +63,9 @@ pub struct Options {
     /// Milliseconds between random faults.
     #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(50..=3_600_000))]
     fault_every: u64,
+    /// Set so many hostile strangers on the master, and let the wall's last node be hostile, too; the others must keep their time.
+    #[arg(long, value_name = "STRANGERS", value_parser = clap::value_parser!(u32).range(1..=64))]
+    hostile: Option<u32>,
     /// Write every figure (JSON; `-` for standard output).
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -84,6 +88,8 @@ struct Report {
     bearing: Option<Bearing>,
     /// Of all processes of protocol clients, since each was last started.
     done: Done,
+    /// Connections that hostile peers made.
+    hostile_connections: u64,
     master_peak_bytes: u64,
 }
 
@@ -111,13 +117,16 @@ pub fn run(options: &Options) -> Result<()> {
 
     let listener = TcpListener::bind("127.0.0.1:0").context("cannot listen")?;
     let address = listener.local_addr()?.to_string();
-    let tally = Tally::new(wall.nodes().len() as u32);
+    let good = wall.nodes().len() - usize::from(options.hostile.is_some());
+    ensure!(good > 0, "--hostile: the wall needs a second node");
+    let tally = Tally::new(wall.nodes().len() as u32, good as u32);
     let mut show_options = ShowOptions::for_wall(&wall).starting_together(&wall, START_WAIT);
+    show_options.start_nodes.truncate(good);
     show_options.frames = Some(frames);
     show_options.rate = Rate::Hz(hz);
     show_options.barrier_wait = Duration::from_secs_f64(1.0 / hz) + service::BARRIER_GRACE;
 
-    let clients = ClientProcesses::start(options.clients, &wall, &address, options.processes as usize)?;
+    let clients = ClientProcesses::start(options.clients, &wall.nodes()[..good], &address, options.processes as usize)?;
     let processes = clients.len();
     let every = Duration::from_millis(options.fault_every);
     let plan = faults.map_or(Ok(Vec::new()), |faults| faults.plan(processes, f64::from(options.seconds), every))?;
@@ -128,6 +137,7 @@ pub fn run(options: &Options) -> Result<()> {
         let start = first_frame_seen.recv().unwrap_or_else(|_| Instant::now());
         faults::happen(&plan, clients, start + Duration::from_secs(1), &is_over)
     });
+    let hostile = options.hostile.map(|strangers| HostilePeers::start(&address, strangers, &wall.nodes()[good..][0].name));
     let progress = Progress::new();
     let (of_frames, of_shows, of_leaves) = (tally.clone(), tally.clone(), tally.clone());
     let mut cull = show::culler(Algorithm::Sweep, &wall, &package);
@@ -151,6 +161,8 @@ pub fn run(options: &Options) -> Result<()> {
     };
     service::run(listener, show)?;
     drop(over);
+    let hostile_connections = hostile.as_ref().map_or(0, HostilePeers::attempts);
+    drop(hostile);
     let (clients, happened) = trouble.join().map_err(|_| anyhow!("the thread that makes trouble ended unexpectedly"))??;
     let report = Report {
         scene: options.scene.clone(),
@@ -162,6 +174,7 @@ pub fn run(options: &Options) -> Result<()> {
         verdict: tally.verdict(hz, warm_up as usize),
         bearing: options.faults.as_ref().map(|_| tally.bearing(&happened)),
         done: clients.finish()?,
+        hostile_connections,
         master_peak_bytes: peak_bytes(),
     };
     report.print();
@@ -181,6 +194,9 @@ impl Report {
         say!("{scene} on {wall}: {nodes} nodes in {processes} processes at {hz} Hz");
         verdict.print();
         bearing.iter().for_each(Bearing::print);
+        if self.hostile_connections > 0 {
+            say!("hostile connections          {:10}", self.hostile_connections);
+        }
         let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
         say!(
             "memory at most               {:10.0} MiB, and {:.0} MiB of clients",

@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use mullion_common::wall::{Node, Wall};
+use mullion_common::wall::Node;
 use serde::Serialize;
 
 use crate::commands::load_nodes::Done;
@@ -42,19 +42,19 @@ pub struct ClientProcesses {
 }
 
 impl ClientProcesses {
-    /// Starts the nodes of a wall, shared out to `processes` where nodes can share one.
+    /// Starts nodes of a wall, the first of them, shared out to `processes` where nodes can share one.
     ///
     /// # Errors
     /// When a process cannot be started.
-    pub fn start(clients: Clients, wall: &Wall, master: &str, processes: usize) -> Result<Self> {
+    pub fn start(clients: Clients, nodes: &[Node], master: &str, processes: usize) -> Result<Self> {
         let program = std::env::current_exe().context("cannot find this program to start nodes")?;
         let mut all = Self { program, clients, master: master.to_owned(), groups: Vec::new() };
         let each = match clients {
-            Clients::Protocol => wall.nodes().len().div_ceil(processes),
+            Clients::Protocol => nodes.len().div_ceil(processes),
             Clients::Headless | Clients::Real => 1,
         };
         let name = |node: &Node| node.name.clone();
-        for (nodes, start) in wall.nodes().chunks(each).zip((0..).step_by(each)) {
+        for (nodes, start) in nodes.chunks(each).zip((0..).step_by(each)) {
             let names: Vec<String> = nodes.iter().map(name).collect();
             let child = all.spawn(&names)?;
             all.groups.push(Group { nodes: start..start + nodes.len(), names, child });

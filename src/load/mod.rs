@@ -2,6 +2,7 @@
 
 pub mod clients;
 pub mod faults;
+pub mod hostile;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -33,6 +34,7 @@ struct Row {
 pub struct Tally(Arc<Mutex<Data>>);
 
 struct Data {
+    /// Nodes that count.
     nodes: u32,
     rows: Vec<Row>,
     /// When each frame was released.
@@ -48,11 +50,11 @@ struct Data {
 }
 
 impl Tally {
-    /// For a wall of so many nodes.
-    pub fn new(nodes: u32) -> Self {
+    /// For a wall of so many nodes, of which the first `good` must show what they are told.
+    pub fn new(nodes: u32, good: u32) -> Self {
         let (rows, early, frame_bytes) = (Vec::new(), Vec::new(), Vec::new());
         let (released, shows) = (Vec::new(), vec![Vec::new(); nodes as usize]);
-        Self(Arc::new(Mutex::new(Data { nodes, rows, released, shows, early, frame_bytes, leaves: 0 })))
+        Self(Arc::new(Mutex::new(Data { nodes: good, rows, released, shows, early, frame_bytes, leaves: 0 })))
     }
 
     /// Takes down how many leaves the sets of a frame hold.
@@ -66,7 +68,7 @@ impl Tally {
         data.released.push(Instant::now());
         let us = |time: Duration| time.as_secs_f64() * 1e6;
         let master_us = [us(frame.cull), us(frame.diff), us(frame.encode), us(frame.send)];
-        let passed_over = frame.passed_over.len() as u32;
+        let passed_over = frame.passed_over.iter().filter(|node| u32::from(node.0) < data.nodes).count() as u32;
         let due_us = frame.due.as_micros() as u64;
         data.rows.push(Row { due_us, master_us, shown: 0, first_us: u64::MAX, last_us: 0, passed_over });
         data.frame_bytes.extend(frame.frame_bytes.iter().filter(|bytes| **bytes > 0));
@@ -78,6 +80,9 @@ impl Tally {
     /// Takes down that a node showed a frame.
     pub fn note_shown(&self, node: NodeIndex, shown: &Shown) {
         let mut data = self.lock();
+        if u32::from(node.0) >= data.nodes {
+            return; // who knows what it says
+        }
         data.shows[usize::from(node.0)].push(Instant::now());
         data.note(shown);
     }
@@ -187,11 +192,11 @@ impl Verdict {
     /// Prints it.
     pub fn print(&self) {
         let line = |name: &str, of: &Spread, unit: &str| {
-            say!("{name:28} {:10.0} {:10.0} {:10.0}  {unit}", of.median, of.p99, of.max);
+            say!("{name:28} {:10.0} {:10.0} {:10.0} {:10.0}  {unit}", of.median, of.p99, of.p999, of.max);
         };
         say!("frames on time               {:9.2} %  of {}", self.on_time_percent, self.frames);
         say!("passed over, not shown       {:10} {:10}  times", self.passed_over, self.never_shown);
-        say!("{:28} {:>10} {:>10} {:>10}", "", "median", "p99", "max");
+        say!("{:28} {:>10} {:>10} {:>10} {:>10}", "", "median", "p99", "p99.9", "max");
         line("due to shown by the last", &self.lateness_us, "µs");
         line("swap skew between nodes", &self.skew_us, "µs");
         line("master's work on a frame", &self.master_us, "µs");
@@ -230,7 +235,8 @@ impl Bearing {
 
     /// Prints it.
     pub fn print(&self) {
-        let line = |name: &str, of: &Spread| say!("{name:28} {:10.0} {:10.0} {:10.0}  ms", of.median, of.p99, of.max);
+        let line =
+            |name: &str, of: &Spread| say!("{name:28} {:10.0} {:10.0} {:10.0} {:10.0}  ms", of.median, of.p99, of.p999, of.max);
         say!("faults                       {:10} killed, {} hung", self.kills, self.hangs);
         line("  to the wall's next frame", &self.next_frame_ms);
         line("  back in the picture", &self.back_ms);
@@ -257,7 +263,7 @@ mod tests {
 
     #[test]
     fn a_frame_is_on_time_when_every_node_showed_it_within_its_period() {
-        let tally = Tally::new(2);
+        let tally = Tally::new(2, 2);
         let frame =
             |due_ms: u64| FrameReport { due: Duration::from_millis(due_ms), frame_bytes: vec![100, 0], ..FrameReport::default() };
         let shown = |frame: u64, at_us: u64| tally.note_shown(NodeIndex(1), &Shown { frame, at_us });
@@ -282,7 +288,7 @@ mod tests {
 
     #[test]
     fn a_fault_is_borne_when_frames_go_on_and_nodes_come_back() {
-        let tally = Tally::new(3);
+        let tally = Tally::new(3, 3);
         let start = Instant::now();
         let at = |ms: u64| start + Duration::from_millis(ms);
         {

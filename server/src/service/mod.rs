@@ -267,6 +267,7 @@ pub async fn serve(listener: TcpListener, mut show: Show) -> Result<ShowReport, 
         is_finished: false,
         fault: None,
         wanted: None,
+        complaints: Complaints::default(),
         inherited: inherited.moved,
         show,
     };
@@ -293,6 +294,33 @@ struct Link {
     node: Option<String>,
 }
 
+/// Warnings of what peers did: a few a second, so that who floods the master does not flood its log.
+#[derive(Default)]
+struct Complaints {
+    until: Duration,
+    warned: u32,
+    unsaid: u64,
+}
+
+impl Complaints {
+    const PER_SECOND: u32 = 3;
+
+    fn warn(&mut self, what: std::fmt::Arguments<'_>, now: Duration) {
+        if now >= self.until {
+            if self.unsaid > 0 {
+                tracing::warn!("{} more connections were closed", self.unsaid);
+            }
+            *self = Self { until: now + Duration::from_secs(1), warned: 0, unsaid: 0 };
+        }
+        if self.warned < Self::PER_SECOND {
+            self.warned += 1;
+            tracing::warn!("{what}");
+        } else {
+            self.unsaid += 1;
+        }
+    }
+}
+
 struct Service {
     master: Master,
     started: Instant,
@@ -311,6 +339,7 @@ struct Service {
     /// Why the show ends early, where this side is to blame.
     fault: Option<ServiceError>,
     wanted: Option<u64>,
+    complaints: Complaints,
     /// Objects that moved under the master before.
     inherited: Vec<Moved>,
     show: Show,
@@ -371,7 +400,8 @@ impl Service {
         while self.tasks.try_join_next().is_some() {}
         if self.tasks.len() >= self.max_connections {
             self.report.refused += 1;
-            return tracing::warn!("{address}: refused: {} connections are open", self.tasks.len());
+            let open = self.tasks.len();
+            return self.complaints.warn(format_args!("{address}: refused: {open} connections are open"), self.started.elapsed());
         }
         if let Err(error) = stream.set_nodelay(true) {
             return tracing::warn!("{address}: {error}");
@@ -453,7 +483,7 @@ impl Service {
             Output::Close { peer, bye } => {
                 let Some(mut link) = self.links.remove(&peer) else { return };
                 if bye.code != ByeCode::EndOfShow && bye.code != ByeCode::Leaving {
-                    tracing::warn!("{}: closed: {bye}", link.address);
+                    self.complaints.warn(format_args!("{}: closed: {bye}", link.address), self.started.elapsed());
                     self.report.refused += 1;
                 }
                 if let Some(role) = link.role.take() {
