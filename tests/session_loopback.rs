@@ -15,6 +15,7 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_client::disk_cache::DiskCache;
+use mullion_client::missing::WhenMissing;
 use mullion_client::node::{DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, run};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
@@ -91,6 +92,7 @@ fn options(address: SocketAddr, node: &str) -> NodeOptions {
         node: node.into(),
         credentials: None,
         memory_bytes: DEFAULT_MEMORY_BYTES,
+        when_missing: WhenMissing::Hold,
         cache: None,
         reconnect,
         stop: None,

@@ -21,6 +21,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
+use mullion_client::missing::WhenMissing;
 use mullion_client::tile_session::{Action, DrawStats, EndedBy, FrameToDraw, TileSession};
 use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Transform};
 use mullion_common::visible_set::VisibleSet;
@@ -99,7 +100,7 @@ struct Node {
 impl Node {
     fn new(name: &str) -> Self {
         Self {
-            session: TileSession::new(name, None, SHORT_OF_MEMORY_BYTES),
+            session: TileSession::new(name, None, SHORT_OF_MEMORY_BYTES, WhenMissing::Hold),
             name: name.to_owned(),
             run: 0,
             peer: None,

@@ -12,6 +12,7 @@ pub mod frame;
 pub mod gpu;
 pub mod gpu_painter;
 pub mod master_clock;
+pub mod missing;
 pub mod node;
 pub mod output;
 pub mod protocol_node;

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use mullion_common::scene::{ChunkId, SceneManifest, Transform};
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 /// What is known of one chunk.
 #[derive(Clone, Copy, Debug, Default)]
@@ -77,6 +77,16 @@ impl Residency {
         }
     }
 
+    /// Those leaves of a set that lack a chunk, geometry or texture. All leaves must be in the manifest.
+    pub fn missing_of(&self, manifest: &SceneManifest, set: &VisibleSet, out: &mut VisibleSet) {
+        out.clear();
+        for leaf in set.leaves() {
+            if chunks_of(manifest, leaf).into_iter().flatten().any(|chunk| !self.is_resident(chunk)) {
+                out.push(LeafRange::new(leaf, leaf + 1));
+            }
+        }
+    }
+
     /// Whether the chunk is resident. False for a chunk that the scene does not have.
     pub fn is_resident(&self, chunk: ChunkId) -> bool {
         self.entries.get(chunk.0 as usize).is_some_and(|entry| entry.bytes.is_some())
@@ -128,7 +138,6 @@ mod tests {
     use mullion_common::scene::{
         AlphaMode, ChunkHash, ChunkKind, ChunkRecord, Filter, LeafRecord, Material, MaterialId, ObjectId, TextureRef, Wrap,
     };
-    use mullion_common::visible_set::LeafRange;
     use proptest::prelude::*;
 
     /// Eight leaves over chunks 0 to 3, two each; odd leaves have texture 4.

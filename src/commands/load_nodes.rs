@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use anyhow::{Result, anyhow};
+use mullion_client::missing::WhenMissing;
 use mullion_client::node::{NodeOptions, Reconnect};
 use mullion_client::protocol_node::{self, ProtocolReport};
 use serde::{Deserialize, Serialize};
@@ -68,6 +69,7 @@ pub fn run(options: &Options) -> Result<()> {
                 node: name.clone(),
                 credentials: None,
                 memory_bytes: 0,
+                when_missing: WhenMissing::default(),
                 cache: None,
                 reconnect,
                 stop: None,

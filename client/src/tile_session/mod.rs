@@ -20,6 +20,7 @@ use mullion_common::wire::{
     ViewSpec, Welcome,
 };
 
+use crate::missing::WhenMissing;
 use crate::residency::Residency;
 
 pub use assembly::{Assembly, PieceError};
@@ -43,9 +44,11 @@ pub struct ViewToDraw {
     pub budget: Budget,
     /// What it sees; all of it is in the manifest.
     pub leaves: VisibleSet,
+    /// Those of them that lack a chunk yet; none where the frame was to wait for them.
+    pub missing: VisibleSet,
 }
 
-/// A frame whose chunks are all there.
+/// A frame to be drawn.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameToDraw {
     /// Its number.
@@ -60,6 +63,8 @@ pub struct FrameToDraw {
     pub shared_eye: DVec3,
     /// In the order of the welcome.
     pub views: Vec<ViewToDraw>,
+    /// What to do with leaves that are missing.
+    pub when_missing: WhenMissing,
 }
 
 /// What drawing a frame took.
@@ -127,10 +132,10 @@ struct OpenScene {
     by_hash: Vec<ChunkId>,
 }
 
-/// What the newest frame lacks.
+/// What the newest frame that was looked at lacks.
 #[derive(Debug, Default)]
 struct Lack {
-    /// Which frame; `None` where that is not worked out.
+    /// Which frame; `None` where that is not worked out. Stays when the frame is drawn, until the next.
     frame: Option<u64>,
     /// In order of need.
     chunks: Vec<ChunkId>,
@@ -166,6 +171,7 @@ pub struct TileSession {
     credentials: Option<Vec<u8>>,
     needs: Needs,
     memory_bytes: u64,
+    when_missing: WhenMissing,
     evicted: Vec<ChunkId>,
     views: Arc<[ViewSpec]>,
     views_changed: bool,
@@ -180,7 +186,7 @@ pub struct TileSession {
     /// Frames that were acknowledged on this connection; the newest last.
     acknowledged: VecDeque<Arc<FrameToDraw>>,
     /// The newest frame, not drawn yet.
-    pending: Option<Arc<FrameToDraw>>,
+    pending: Option<FrameToDraw>,
     /// Moved objects that came before the scene was open.
     moved_early: HashMap<ObjectId, Transform>,
     drawing: Option<Arc<FrameToDraw>>,
@@ -198,13 +204,14 @@ pub struct TileSession {
 impl TileSession {
     /// A node of that name, not connected yet.
     ///
-    /// `memory_bytes`: what chunks may take on the GPU before those that were not needed for longest go.
-    pub fn new(node: impl Into<String>, credentials: Option<Vec<u8>>, memory_bytes: u64) -> Self {
+    /// `memory_bytes`: what chunks may take on the GPU before those that were not needed for longest go. `when_missing`: whether frames wait for chunks.
+    pub fn new(node: impl Into<String>, credentials: Option<Vec<u8>>, memory_bytes: u64, when_missing: WhenMissing) -> Self {
         Self {
             node: node.into(),
             credentials,
             needs: Needs::Scene,
             memory_bytes,
+            when_missing,
             evicted: Vec::new(),
             views: Arc::new([]),
             views_changed: true,
@@ -232,7 +239,7 @@ impl TileSession {
     /// A node that takes part in everything but fetches and draws nothing: every frame is to be drawn as soon as it is there. For
     /// loading a master.
     pub fn without_scene(node: impl Into<String>, credentials: Option<Vec<u8>>) -> Self {
-        Self { needs: Needs::Nothing, ..Self::new(node, credentials, 0) }
+        Self { needs: Needs::Nothing, ..Self::new(node, credentials, 0, WhenMissing::Hold) }
     }
 
     /// The greeting of every connection.
@@ -441,11 +448,12 @@ impl TileSession {
             if leaves.digest() != view.digest {
                 return Err(format!("frame {}: what view {} sees is not what the master says", frame.number, spec.view.0));
             }
-            Ok(ViewToDraw { view: spec.view, eye: view.eye, budget: view.budget, leaves })
+            Ok(ViewToDraw { view: spec.view, eye: view.eye, budget: view.budget, leaves, missing: VisibleSet::default() })
         });
         let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, .. } = frame;
         let views = views.collect::<Result<_, String>>()?;
-        self.pending = Some(Arc::new(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views }));
+        let when_missing = self.when_missing;
+        self.pending = Some(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views, when_missing });
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));
         self.plan();
         Ok(())
@@ -545,13 +553,23 @@ impl TileSession {
 
     fn next_draw(&mut self) -> Option<Action> {
         let planned = self.lack.frame.is_some() && self.lack.frame == self.pending.as_ref().map(|p| p.number);
-        if self.closed || self.drawing.is_some() || !planned || self.lack.left > 0 {
+        let waits = self.lack.left > 0 && self.when_missing == WhenMissing::Hold;
+        if self.closed || self.drawing.is_some() || !planned || waits {
             return None;
         }
-        self.drawing = self.pending.take();
+        let mut frame = self.pending.take()?;
+        if self.lack.left > 0
+            && let Some(OpenScene { manifest, residency, .. }) = &self.scene
+        {
+            for view in &mut frame.views {
+                residency.missing_of(manifest, &view.leaves, &mut view.missing);
+            }
+        }
+        // What it lacks is fetched on while it is drawn and shown.
+        let frame = Arc::new(frame);
+        self.drawing = Some(Arc::clone(&frame));
         self.drawn = None;
-        self.lack.frame = None;
-        self.drawing.as_ref().map(|drawing| Action::Draw(Arc::clone(drawing)))
+        Some(Action::Draw(frame))
     }
 
     fn fetch_missing(&mut self) {
