@@ -1,13 +1,13 @@
 //! Goal: whatever nodes do, the wall keeps its promises.
 //! Method: a master and its nodes in memory on virtual time, from a seed. Messages take random times but keep their
-//! order; nodes are killed, lose their connection, hang, crawl, join late and come back; strangers send garbage; the master dies and
+//! order; frames wait for chunks, or are drawn with boxes or without what lacks, by the seed; nodes are killed, lose their connection, hang, crawl, join late and come back; strangers send garbage; the master dies and
 //! another one starts.
 //!
 //! Promises checked in every run:
 //! - a node shows frame n only after all live nodes have drawn n;
 //! - no frame but the first waits longer than the barrier's wait, and waits so long only when it then passes somebody
 //!   over, or when nobody is live; a node that hangs is passed over once;
-//! - what a node draws is what the master saw: sets, places of objects, and every chunk there;
+//! - what a node draws is what the master saw: sets, places of objects, and every chunk there, or its leaves named as missing;
 //! - when the faults are over, every node is back in the picture.
 //!
 //! A failing seed is printed. `MULLION_SIM_SEEDS=1000` runs more; `MULLION_SIM_SEED=n` runs one. Every wall of 64 nodes stands for twenty
@@ -24,7 +24,7 @@ use glam::{DAffine3, DVec3};
 use mullion_client::missing::WhenMissing;
 use mullion_client::tile_session::{Action, DrawStats, EndedBy, FrameToDraw, TileSession};
 use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Transform};
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::Wall;
 use mullion_common::wire::{Bye, ByeCode, Moved, Opening, PROTOCOL_VERSION, SectionRef, ToTile, body_of};
 use mullion_server::master::{FrameInput, FrameReleased, Kind, Master, MasterOptions, Outbox, Output, Pace, PeerId};
@@ -98,9 +98,9 @@ struct Node {
 }
 
 impl Node {
-    fn new(name: &str) -> Self {
+    fn new(name: &str, when_missing: WhenMissing) -> Self {
         Self {
-            session: TileSession::new(name, None, SHORT_OF_MEMORY_BYTES, WhenMissing::Hold),
+            session: TileSession::new(name, None, SHORT_OF_MEMORY_BYTES, when_missing),
             name: name.to_owned(),
             run: 0,
             peer: None,
@@ -121,6 +121,7 @@ impl Node {
 
 struct Sim {
     seed: u64,
+    when_missing: WhenMissing,
     rng: Random,
     now: Duration,
     queue: BinaryHeap<Reverse<(Duration, u64, Event)>>,
@@ -155,6 +156,7 @@ struct Sim {
 impl Sim {
     fn new(seed: u64, [columns, rows]: [u32; 2]) -> Self {
         let mut rng = Random(seed);
+        let when_missing = WhenMissing::ALL[(seed % 3) as usize];
         let wall = wall(columns, rows);
         let package = package(LEAVES);
         let mut sections = Vec::new();
@@ -172,9 +174,10 @@ impl Sim {
         let barrier = BarrierOptions { wait: WAIT, start_wait: Duration::from_millis(500), start_nodes };
         let pace = if rng.chance(3) { Pace::AsFastAsPossible } else { Pace::Every(us(16_667)) };
         let options = MasterOptions { barrier, pace, frames: None, sections, session_seed: [7; 32] };
-        let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name)).collect();
+        let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name, when_missing)).collect();
         Self {
             seed,
+            when_missing,
             now: Duration::ZERO,
             queue: BinaryHeap::new(),
             order: 0,
@@ -299,7 +302,7 @@ impl Sim {
             }
             Event::Kill { node } => {
                 self.hang_up(node);
-                let fresh = Node::new(&self.nodes[node].name);
+                let fresh = Node::new(&self.nodes[node].name, self.when_missing);
                 let old = std::mem::replace(&mut self.nodes[node], fresh);
                 self.nodes[node].run = old.run + 1;
                 self.nodes[node].times_hung = old.times_hung;
@@ -523,8 +526,11 @@ impl Sim {
         assert_eq!(frame.views[0].leaves, self.sets[number][node], "node {node}, frame {number}");
         assert_eq!(n.transforms, self.places[number], "node {node}, frame {number}");
         let manifest = n.scene.as_ref().expect("a scene is open before anything is drawn");
-        let lacking = chunks_of(manifest, &frame.views[0].leaves).find(|c| !n.uploaded.contains(&c.0));
-        assert_eq!(lacking, None, "node {node}, frame {number}");
+        let one = |leaf| VisibleSet::from_ranges([LeafRange::new(leaf, leaf + 1)]);
+        let lacks = |leaf: &u32| chunks_of(manifest, &one(*leaf)).any(|c| !n.uploaded.contains(&c.0));
+        let lacking: Vec<u32> = frame.views[0].leaves.leaves().filter(lacks).collect();
+        assert_eq!(frame.views[0].missing.leaves().collect::<Vec<_>>(), lacking, "node {node}, frame {number}");
+        assert!(lacking.is_empty() || self.when_missing != WhenMissing::Hold, "node {node}, frame {number}");
     }
 
     fn act(&mut self) {
