@@ -1,7 +1,7 @@
 //! Goal: whatever nodes do, the wall keeps its promises.
 //! Method: a master and its nodes in memory on virtual time, from a seed. Messages take random times but keep their
-//! order; frames wait for chunks, or are drawn with boxes or without what lacks, by the seed; nodes are killed, lose their connection, hang, crawl, join late and come back; strangers send garbage; the master dies and
-//! another one starts.
+//! order; frames wait for chunks, or are drawn with boxes for what lacks, or without it, by the seed; nodes are killed, lose
+//! their connection, hang, crawl, join late and come back; strangers send garbage; the master dies and another one starts.
 //!
 //! Promises checked in every run:
 //! - a node shows frame n only after all live nodes have drawn n;

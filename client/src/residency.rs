@@ -120,6 +120,21 @@ impl Residency {
         out.truncate(kept);
     }
 
+    /// How many frames were begun.
+    pub fn frame(&self) -> u64 {
+        self.frame
+    }
+
+    /// The last frame that needed the chunk, as [`Residency::frame`] counts; 0 for never.
+    pub fn needed_in(&self, chunk: ChunkId) -> u64 {
+        self.entries.get(chunk.0 as usize).map_or(0, |entry| entry.needed_in)
+    }
+
+    /// What resident chunks may take, bytes.
+    pub fn cap_bytes(&self) -> u64 {
+        self.cap_bytes
+    }
+
     /// Bytes of all resident chunks.
     pub fn resident_bytes(&self) -> u64 {
         self.resident_bytes
@@ -127,7 +142,7 @@ impl Residency {
 }
 
 /// A leaf's geometry and its texture.
-fn chunks_of(manifest: &SceneManifest, leaf: u32) -> [Option<ChunkId>; 2] {
+pub(crate) fn chunks_of(manifest: &SceneManifest, leaf: u32) -> [Option<ChunkId>; 2] {
     let record = &manifest.leaves[leaf as usize];
     [Some(record.chunk), manifest.materials[record.material.0 as usize].texture.map(|t| t.chunk)]
 }

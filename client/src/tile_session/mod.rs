@@ -7,6 +7,8 @@
 //! across frames and, while the scene stays the same, across connections; so does the picture that is shown.
 
 mod assembly;
+mod on_the_way;
+mod planning;
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
@@ -21,17 +23,21 @@ use mullion_common::wire::{
 };
 
 use crate::missing::WhenMissing;
+use crate::motion::Motion;
+use crate::prefetch::{PREFETCH_WINDOW, Prefetch};
 use crate::residency::Residency;
 
 pub use assembly::{Assembly, PieceError};
+use on_the_way::{OnTheWay, Purpose};
+use planning::Lack;
 
 /// How often a blob that came damaged is asked for again.
 pub const MAX_REFETCHES: u32 = 3;
-/// Most blobs on their way at once: few, so that what is needed most does not queue behind what was.
+/// Most blobs on their way at once that a frame needs: few, so that what is needed most does not queue behind what was.
 pub const FETCH_WINDOW: usize = 64;
 /// Most bytes on their way at once, but for a single larger blob.
 pub const FETCH_WINDOW_BYTES: u64 = 8 << 20;
-const _: () = assert!(FETCH_WINDOW <= MAX_WANTED, "the master takes a full window");
+const _: () = assert!(FETCH_WINDOW + PREFETCH_WINDOW <= MAX_WANTED, "the master takes full windows");
 
 /// What one view draws.
 #[derive(Clone, Debug, PartialEq)]
@@ -128,23 +134,9 @@ struct OpenScene {
     manifest: Arc<SceneManifest>,
     transforms: Vec<Transform>,
     residency: Residency,
+    prefetch: Prefetch,
     /// All chunks, sorted by their hashes.
     by_hash: Vec<ChunkId>,
-}
-
-/// What the newest frame that was looked at lacks.
-#[derive(Debug, Default)]
-struct Lack {
-    /// Which frame; `None` where that is not worked out. Stays when the frame is drawn, until the next.
-    frame: Option<u64>,
-    /// In order of need.
-    chunks: Vec<ChunkId>,
-    /// How many of them from the front have been asked for, or are there.
-    asked: usize,
-    /// By `ChunkId`: whether it is in `chunks` and not there.
-    is_awaited: Vec<bool>,
-    /// How many are awaited.
-    left: usize,
 }
 
 /// The manifest's sections on their way.
@@ -180,8 +172,7 @@ pub struct TileSession {
     section_refs: Vec<SectionRef>,
     sections: Option<Sections>,
     scene: Option<OpenScene>,
-    on_the_way: HashMap<ChunkHash, u64>,
-    on_the_way_bytes: u64,
+    on_the_way: OnTheWay,
     damaged: HashMap<ChunkHash, u32>,
     /// Frames that were acknowledged on this connection; the newest last.
     acknowledged: VecDeque<Arc<FrameToDraw>>,
@@ -199,6 +190,9 @@ pub struct TileSession {
     closed: bool,
     actions: VecDeque<Action>,
     lack: Lack,
+    /// Frames a second, as the master says.
+    rate_hz: f64,
+    motion: Motion,
 }
 
 impl TileSession {
@@ -219,8 +213,7 @@ impl TileSession {
             section_refs: Vec::new(),
             sections: None,
             scene: None,
-            on_the_way: HashMap::new(),
-            on_the_way_bytes: 0,
+            on_the_way: OnTheWay::default(),
             damaged: HashMap::new(),
             acknowledged: VecDeque::new(),
             pending: None,
@@ -233,6 +226,8 @@ impl TileSession {
             closed: true,
             actions: VecDeque::new(),
             lack: Lack::default(),
+            rate_hz: 0.0,
+            motion: Motion::default(),
         }
     }
 
@@ -267,7 +262,10 @@ impl TileSession {
         self.acknowledged.clear();
         self.damaged.clear();
         self.on_the_way.clear();
-        self.on_the_way_bytes = 0;
+        self.motion = Motion::default();
+        if let Some(scene) = &mut self.scene {
+            scene.prefetch.forget_asked();
+        }
     }
 
     /// A message came in.
@@ -302,10 +300,9 @@ impl TileSession {
 
     /// A blob came in whole.
     pub fn handle_blob(&mut self, hash: ChunkHash, bytes: Vec<u8>) {
-        let Some(length) = self.on_the_way.remove(&hash).filter(|_| !self.closed) else { return };
-        self.on_the_way_bytes -= length;
+        let Some((length, purpose)) = self.on_the_way.remove(&hash).filter(|_| !self.closed) else { return };
         if ChunkHash::of(&bytes) != hash {
-            return self.take_damaged(hash, length);
+            return self.take_damaged(hash, length, purpose);
         }
         if let Some(sections) = &mut self.sections {
             sections.take(hash, bytes);
@@ -380,6 +377,7 @@ impl TileSession {
     }
 
     fn take_welcome(&mut self, welcome: Welcome) {
+        self.rate_hz = welcome.rate_hz;
         if *self.views != *welcome.views {
             self.views = welcome.views.into();
             self.views_changed = true;
@@ -421,7 +419,7 @@ impl TileSession {
                 fetch.push((section.hash, section.length));
             }
         }
-        self.fetch(fetch);
+        self.fetch(fetch, Purpose::Need);
         Ok(())
     }
 
@@ -459,15 +457,6 @@ impl TileSession {
         Ok(())
     }
 
-    fn take_damaged(&mut self, hash: ChunkHash, length: u64) {
-        let times = self.damaged.get(&hash).map_or(1, |times| times + 1);
-        self.damaged.insert(hash, times);
-        if times > MAX_REFETCHES {
-            return self.fail(format!("blob {hash} came damaged {times} times"));
-        }
-        self.fetch(vec![(hash, length)]);
-    }
-
     fn open_when_whole(&mut self) {
         let Some([Some(a), Some(b), Some(c), Some(d)]) = self.sections.as_ref().map(|s| s.bytes.each_ref().map(Option::as_deref))
         else {
@@ -484,126 +473,11 @@ impl TileSession {
         self.scene = Some(OpenScene {
             transforms: manifest.transforms.clone(),
             residency: Residency::new(manifest.chunks.len(), self.memory_bytes),
+            prefetch: Prefetch::new(manifest.chunks.len()),
             by_hash,
             manifest: Arc::clone(&manifest),
         });
         self.actions.push_back(Action::OpenScene(manifest, Arc::clone(&self.views)));
-    }
-
-    fn take_chunk(&mut self, hash: ChunkHash, bytes: Vec<u8>) {
-        let Some(scene) = &mut self.scene else { return };
-        let hash_of = |id: &ChunkId| scene.manifest.chunks[id.0 as usize].hash;
-        let first = scene.by_hash.partition_point(|id| hash_of(id) < hash);
-        let same = scene.by_hash[first..].iter().copied().take_while(|id| hash_of(id) == hash);
-        for chunk in same.collect::<Vec<_>>() {
-            let at = chunk.0 as usize;
-            if !scene.residency.is_resident(chunk) {
-                scene.residency.loaded(chunk, bytes.len() as u64);
-                self.actions.push_back(Action::Upload { chunk, bytes: bytes.clone() });
-                if std::mem::take(&mut self.lack.is_awaited[at]) {
-                    self.lack.left -= 1;
-                }
-            }
-        }
-    }
-
-    /// Finds out what the newest frame lacks, and goes on from there.
-    fn plan(&mut self) {
-        if self.closed || self.drawing.is_some() {
-            return;
-        }
-        if self.needs == Needs::Nothing {
-            self.lack.frame = self.pending.as_ref().map(|pending| pending.number);
-            self.moved_early.clear();
-            return;
-        }
-        let (Some(scene), Some(pending)) = (&mut self.scene, &self.pending) else { return };
-        let leaf_count = scene.manifest.leaves.len() as u32;
-        let beyond = pending.views.iter().filter_map(|v| v.leaves.ranges().last()).find(|r| r.end > leaf_count);
-        if let Some(range) = beyond {
-            let reason = format!("frame {}: leaf {} of {leaf_count}", pending.number, range.end - 1);
-            return self.fail(reason);
-        }
-        if let Some(object) = self.moved_early.keys().find(|o| o.0 as usize >= scene.transforms.len()) {
-            let reason = format!("frame {}: object {} moved, which is not there", pending.number, object.0);
-            return self.fail(reason);
-        }
-        for (object, transform) in self.moved_early.drain() {
-            let known = &mut scene.transforms[object.0 as usize];
-            if *known != transform {
-                *known = transform;
-                self.actions.push_back(Action::SetTransform(Moved { object, transform }));
-            }
-        }
-        let OpenScene { manifest, transforms, residency, .. } = scene;
-        let sets = pending.views.iter().map(|v| &v.leaves);
-        residency.begin_frame(manifest, transforms, sets, pending.shared_eye, &mut self.lack.chunks);
-        residency.evict(&mut self.evicted);
-        self.actions.extend(self.evicted.iter().map(|chunk| Action::Evict(*chunk)));
-        self.lack.frame = Some(pending.number);
-        self.lack.asked = 0;
-        self.lack.left = self.lack.chunks.len();
-        self.lack.is_awaited.clear();
-        self.lack.is_awaited.resize(scene.manifest.chunks.len(), false);
-        for chunk in &self.lack.chunks {
-            self.lack.is_awaited[chunk.0 as usize] = true;
-        }
-        self.fetch_missing();
-    }
-
-    fn next_draw(&mut self) -> Option<Action> {
-        let planned = self.lack.frame.is_some() && self.lack.frame == self.pending.as_ref().map(|p| p.number);
-        let waits = self.lack.left > 0 && self.when_missing == WhenMissing::Hold;
-        if self.closed || self.drawing.is_some() || !planned || waits {
-            return None;
-        }
-        let mut frame = self.pending.take()?;
-        if self.lack.left > 0
-            && let Some(OpenScene { manifest, residency, .. }) = &self.scene
-        {
-            for view in &mut frame.views {
-                residency.missing_of(manifest, &view.leaves, &mut view.missing);
-            }
-        }
-        // What it lacks is fetched on while it is drawn and shown.
-        let frame = Arc::new(frame);
-        self.drawing = Some(Arc::clone(&frame));
-        self.drawn = None;
-        Some(Action::Draw(frame))
-    }
-
-    fn fetch_missing(&mut self) {
-        let Some(scene) = self.scene.as_ref().filter(|_| !self.closed && self.lack.frame.is_some()) else { return };
-        let (mut open, mut bytes) = (self.on_the_way.len(), self.on_the_way_bytes);
-        let mut fetch: Vec<(ChunkHash, u64)> = Vec::new();
-        while let Some(id) = self.lack.chunks.get(self.lack.asked) {
-            let record = &scene.manifest.chunks[id.0 as usize];
-            let length = u64::from(record.length);
-            let is_asked = scene.residency.is_resident(*id)
-                || self.on_the_way.contains_key(&record.hash)
-                || fetch.iter().any(|(hash, _)| *hash == record.hash);
-            if !is_asked {
-                if open >= FETCH_WINDOW || (open > 0 && bytes + length > FETCH_WINDOW_BYTES) {
-                    break;
-                }
-                open += 1;
-                bytes += length;
-                fetch.push((record.hash, length));
-            }
-            self.lack.asked += 1;
-        }
-        self.fetch(fetch);
-    }
-
-    fn fetch(&mut self, blobs: Vec<(ChunkHash, u64)>) {
-        if blobs.is_empty() {
-            return;
-        }
-        for (hash, length) in &blobs {
-            self.on_the_way.insert(*hash, *length);
-            self.on_the_way_bytes += length;
-        }
-        self.actions.push_back(Action::Fetch(blobs));
     }
 }
 
