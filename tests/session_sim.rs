@@ -8,7 +8,7 @@
 //! - no frame but the first waits longer than the barrier's wait, and waits so long only when it then passes somebody
 //!   over, or when nobody is live; a node that hangs is passed over once;
 //! - what a node draws is what the master saw: sets, places of objects, and every chunk there, or its leaves named as missing;
-//! - when the faults are over, every node is back in the picture.
+//! - when the faults are over, every node is back in the picture, and those with enough memory have all chunks.
 //!
 //! A failing seed is printed. `MULLION_SIM_SEEDS=1000` runs more; `MULLION_SIM_SEED=n` runs one. Every wall of 64 nodes stands for twenty
 //! smaller ones.
@@ -76,6 +76,8 @@ struct Link {
 
 /// Less than the scene takes, so that chunks come and go.
 const SHORT_OF_MEMORY_BYTES: u64 = 1000;
+/// Enough for all of it, and to fetch ahead of need.
+const ENOUGH_MEMORY_BYTES: u64 = 8 << 20;
 
 /// A process that may die; its session dies with it.
 struct Node {
@@ -98,9 +100,9 @@ struct Node {
 }
 
 impl Node {
-    fn new(name: &str, when_missing: WhenMissing) -> Self {
+    fn new(name: &str, (when_missing, memory_bytes): (WhenMissing, u64)) -> Self {
         Self {
-            session: TileSession::new(name, None, SHORT_OF_MEMORY_BYTES, when_missing),
+            session: TileSession::new(name, None, memory_bytes, when_missing),
             name: name.to_owned(),
             run: 0,
             peer: None,
@@ -121,7 +123,8 @@ impl Node {
 
 struct Sim {
     seed: u64,
-    when_missing: WhenMissing,
+    /// What all nodes do, and what they may take.
+    setting: (WhenMissing, u64),
     rng: Random,
     now: Duration,
     queue: BinaryHeap<Reverse<(Duration, u64, Event)>>,
@@ -156,7 +159,8 @@ struct Sim {
 impl Sim {
     fn new(seed: u64, [columns, rows]: [u32; 2]) -> Self {
         let mut rng = Random(seed);
-        let when_missing = WhenMissing::ALL[(seed % 3) as usize];
+        let memory_bytes = [SHORT_OF_MEMORY_BYTES, ENOUGH_MEMORY_BYTES][(seed % 2) as usize];
+        let setting = (WhenMissing::ALL[(seed % 3) as usize], memory_bytes);
         let wall = wall(columns, rows);
         let package = package(LEAVES);
         let mut sections = Vec::new();
@@ -174,10 +178,10 @@ impl Sim {
         let barrier = BarrierOptions { wait: WAIT, start_wait: Duration::from_millis(500), start_nodes };
         let pace = if rng.chance(3) { Pace::AsFastAsPossible } else { Pace::Every(us(16_667)) };
         let options = MasterOptions { barrier, pace, frames: None, sections, session_seed: [7; 32] };
-        let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name, when_missing)).collect();
+        let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name, setting)).collect();
         Self {
             seed,
-            when_missing,
+            setting,
             now: Duration::ZERO,
             queue: BinaryHeap::new(),
             order: 0,
@@ -302,7 +306,7 @@ impl Sim {
             }
             Event::Kill { node } => {
                 self.hang_up(node);
-                let fresh = Node::new(&self.nodes[node].name, self.when_missing);
+                let fresh = Node::new(&self.nodes[node].name, self.setting);
                 let old = std::mem::replace(&mut self.nodes[node], fresh);
                 self.nodes[node].run = old.run + 1;
                 self.nodes[node].times_hung = old.times_hung;
@@ -530,7 +534,7 @@ impl Sim {
         let lacks = |leaf: &u32| chunks_of(manifest, &one(*leaf)).any(|c| !n.uploaded.contains(&c.0));
         let lacking: Vec<u32> = frame.views[0].leaves.leaves().filter(lacks).collect();
         assert_eq!(frame.views[0].missing.leaves().collect::<Vec<_>>(), lacking, "node {node}, frame {number}");
-        assert!(lacking.is_empty() || self.when_missing != WhenMissing::Hold, "node {node}, frame {number}");
+        assert!(lacking.is_empty() || self.setting.0 != WhenMissing::Hold, "node {node}, frame {number}");
     }
 
     fn act(&mut self) {
@@ -613,6 +617,10 @@ impl Sim {
             // New leaves come into view all the time: a node may be fetching while the last few frames pass.
             let shown_at = node.shown.map(|frame| self.released_at[frame as usize]);
             assert!(shown_at > Some(END - BACK_IN_PICTURE), "node {i} shows frame {:?} of {:?}", node.shown, self.released);
+            if self.setting.1 == ENOUGH_MEMORY_BYTES {
+                let chunks = self.package.scene.manifest.chunks.len();
+                assert_eq!((node.uploaded.len(), node.evictions), (chunks, 0), "node {i} did not fetch ahead");
+            }
             // Blobs may make a node late too: it is live from its first frame in time on, and fetches as the view moves.
             let faults = node.times_hung + 1;
             assert!(self.passed_over[i] <= 8 * faults, "node {i} was passed over {} times", self.passed_over[i]);
