@@ -84,7 +84,8 @@ pub struct NodeOptions {
     pub node: String,
     /// What proves it.
     pub credentials: Option<Vec<u8>>,
-    /// What chunks may take on the GPU before those that were not needed for longest go.
+    /// What chunks may take on the GPU before those that were not needed for longest go, bytes. Chunks that no frame needs yet are fetched
+    /// up to three quarters of it.
     pub memory_bytes: u64,
     /// What is shown of what has not come yet.
     pub when_missing: WhenMissing,

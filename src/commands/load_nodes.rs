@@ -69,7 +69,7 @@ pub fn run(options: &Options) -> Result<()> {
                 node: name.clone(),
                 credentials: None,
                 memory_bytes: 0,
-                when_missing: WhenMissing::default(),
+                when_missing: WhenMissing::Hold,
                 cache: None,
                 reconnect,
                 stop: None,

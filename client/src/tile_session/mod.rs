@@ -3,7 +3,8 @@
 //! ```text
 //! Frame(n) → sets by delta → what is missing? → Fetch … blobs → Upload → Draw(n) → drawn → Ready(n) … Swap(n) → Show(n)
 //! ```
-//! It works on the newest frame: one that came while another was drawn or fetched for takes its place. Chunks stay
+//! It works on the newest frame: one that came while another was drawn or fetched for takes its place. Whether a frame waits for its
+//! chunks is a setting ([`WhenMissing`]); once nothing lacks, chunks that later frames will need are fetched. Chunks stay
 //! across frames and, while the scene stays the same, across connections; so does the picture that is shown.
 
 mod assembly;
