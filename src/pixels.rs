@@ -10,6 +10,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use image::{Rgba, RgbaImage};
 use mullion_client::frame::{FrameInput, Planner, ViewInput};
 use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
+use mullion_client::missing::WhenMissing;
 use mullion_client::output::headless::write_png;
 use mullion_common::scene::{ChunkId, Package};
 use mullion_common::visible_set::VisibleSet;
@@ -227,11 +228,12 @@ impl<'a> Painter<'a> {
 
     fn draw(&mut self, target: ViewId, projection: Projection, visible: &VisibleSet) -> Result<Picture> {
         let plan = self.planner.begin(FrameInput {
-            views: &[ViewInput { view: target, projection, visible }],
+            views: &[ViewInput { view: target, projection, visible, missing: &VisibleSet::default() }],
             shared_eye: projection.eye,
             manifest: &self.package.scene.manifest,
             transforms: self.renderer.transforms(),
             resident: &|_| true,
+            when_missing: WhenMissing::Hold,
         });
         self.renderer.draw(plan)?;
         Ok(Picture { color: self.renderer.read_color(target)?, ids: self.renderer.read_ids(target)? })

@@ -15,9 +15,11 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_client::disk_cache::DiskCache;
+use mullion_client::missing::WhenMissing;
 use mullion_client::node::{DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, run};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
+use mullion_common::visible_set::VisibleSet;
 use mullion_common::wire::{ByeCode, Hello, LENGTH_BYTES, Moved, Opening, PROTOCOL_VERSION, Part, ToTile, ViewSpec};
 use mullion_server::service::{Pose, Rate, ServiceError, Show, ShowOptions, ShowReport, run as run_show};
 use session_support::{chunks_of, package, visible, wall};
@@ -33,6 +35,8 @@ struct Recorder {
     package: Arc<Package>,
     released: Arc<AtomicU64>,
     break_off_at: Option<u64>,
+    /// What a view sees in a frame.
+    sees: fn(u64, usize) -> VisibleSet,
     scene: Option<Arc<SceneManifest>>,
     uploaded: BTreeSet<u32>,
     drawn: Option<u64>,
@@ -68,7 +72,7 @@ impl Painter for Recorder {
             return Err(PaintError::Failed("broke off".into()));
         }
         let view = &frame.views[0];
-        assert_eq!(view.leaves, visible(SEED, frame.number, usize::from(view.view.0), LEAVES), "frame {}", frame.number);
+        assert_eq!(view.leaves, (self.sees)(frame.number, usize::from(view.view.0)), "frame {}", frame.number);
         let manifest = self.scene.as_ref().expect("a scene is open before anything is drawn");
         assert!(chunks_of(manifest, &view.leaves).all(|c| self.uploaded.contains(&c.0)));
         self.drawn = Some(frame.number);
@@ -84,6 +88,10 @@ impl Painter for Recorder {
     }
 }
 
+fn sees_some(frame: u64, view: usize) -> VisibleSet {
+    visible(SEED, frame, view, LEAVES)
+}
+
 fn options(address: SocketAddr, node: &str) -> NodeOptions {
     let reconnect = Reconnect { give_up_after: Some(Duration::from_secs(5)), ..Reconnect::default() };
     NodeOptions {
@@ -92,6 +100,7 @@ fn options(address: SocketAddr, node: &str) -> NodeOptions {
         node: node.into(),
         credentials: None,
         memory_bytes: DEFAULT_MEMORY_BYTES,
+        when_missing: WhenMissing::Hold,
         cache: None,
         reconnect,
         stop: None,
@@ -202,6 +211,7 @@ fn play() -> Outcome {
         package: Arc::clone(&package),
         released: Arc::clone(released),
         break_off_at,
+        sees: sees_some,
         scene: None,
         uploaded: BTreeSet::new(),
         drawn: None,
@@ -242,7 +252,7 @@ fn a_wall_over_sockets_survives_its_peers() {
     }
 }
 
-/// What one node did in a show of three frames.
+/// What one node did in a show of three frames that show everything: nothing is left to fetch ahead.
 fn short_show(cache: &Arc<DiskCache>) -> NodeReport {
     let (wall, package) = (wall(1, 1), package(LEAVES));
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -255,7 +265,7 @@ fn short_show(cache: &Arc<DiskCache>) -> NodeReport {
         wall,
         package: Arc::clone(&package),
         camera: Box::new(move |frame| Pose { scene_time_s: frame as f64, eyes: eyes.clone(), ..Pose::default() }),
-        cull: Box::new(|pose, sets| sets[0] = visible(SEED, pose.scene_time_s as u64, 0, LEAVES)),
+        cull: Box::new(|_, sets| sets[0] = VisibleSet::all(LEAVES)),
         observer: Box::new(|_| {}),
         node_observer: Box::new(|_| {}),
         shown_observer: Box::new(|_, _| {}),
@@ -263,7 +273,16 @@ fn short_show(cache: &Arc<DiskCache>) -> NodeReport {
     };
     let service = thread::spawn(move || run_show(listener, show).unwrap());
     let (scene, uploaded, shown) = (None, BTreeSet::new(), Vec::new());
-    let mut painter = Recorder { package, released, break_off_at: None, scene, uploaded, drawn: None, shown };
+    let mut painter = Recorder {
+        package,
+        released,
+        break_off_at: None,
+        sees: |_, _| VisibleSet::all(LEAVES),
+        scene,
+        uploaded,
+        drawn: None,
+        shown,
+    };
     let report = run(NodeOptions { cache: Some(Arc::clone(cache)), ..options(address, "t0x0") }, &mut painter).unwrap();
     service.join().unwrap();
     report
@@ -355,7 +374,7 @@ fn what_the_master_refuses_for_good_is_an_error_at_once() {
     let service = thread::spawn(move || run_show(listener, show));
     let released = Arc::default();
     let (scene, uploaded, shown) = (None, BTreeSet::new(), Vec::new());
-    let mut painter = Recorder { package, released, break_off_at: None, scene, uploaded, drawn: None, shown };
+    let mut painter = Recorder { package, released, break_off_at: None, sees: sees_some, scene, uploaded, drawn: None, shown };
     match run(options(address, "t9x9"), &mut painter) {
         Err(NodeError::Refused(bye)) => assert!(bye.reason.contains("t9x9") && bye.reason.contains("t0x0"), "{bye}"),
         other => panic!("{other:?}"),

@@ -1,14 +1,14 @@
 //! Goal: whatever nodes do, the wall keeps its promises.
 //! Method: a master and its nodes in memory on virtual time, from a seed. Messages take random times but keep their
-//! order; nodes are killed, lose their connection, hang, crawl, join late and come back; strangers send garbage; the master dies and
-//! another one starts.
+//! order; frames wait for chunks, or are drawn with boxes for what lacks, or without it, by the seed; nodes are killed, lose
+//! their connection, hang, crawl, join late and come back; strangers send garbage; the master dies and another one starts.
 //!
 //! Promises checked in every run:
 //! - a node shows frame n only after all live nodes have drawn n;
 //! - no frame but the first waits longer than the barrier's wait, and waits so long only when it then passes somebody
 //!   over, or when nobody is live; a node that hangs is passed over once;
-//! - what a node draws is what the master saw: sets, places of objects, and every chunk there;
-//! - when the faults are over, every node is back in the picture.
+//! - what a node draws is what the master saw: sets, places of objects, and every chunk there, or its leaves named as missing;
+//! - when the faults are over, every node is back in the picture, and those with enough memory have all chunks.
 //!
 //! A failing seed is printed. `MULLION_SIM_SEEDS=1000` runs more; `MULLION_SIM_SEED=n` runs one. Every wall of 64 nodes stands for twenty
 //! smaller ones.
@@ -21,9 +21,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
+use mullion_client::missing::WhenMissing;
 use mullion_client::tile_session::{Action, DrawStats, EndedBy, FrameToDraw, TileSession};
 use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Transform};
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::Wall;
 use mullion_common::wire::{Bye, ByeCode, Moved, Opening, PROTOCOL_VERSION, SectionRef, ToTile, body_of};
 use mullion_server::master::{FrameInput, FrameReleased, Kind, Master, MasterOptions, Outbox, Output, Pace, PeerId};
@@ -75,6 +76,8 @@ struct Link {
 
 /// Less than the scene takes, so that chunks come and go.
 const SHORT_OF_MEMORY_BYTES: u64 = 1000;
+/// Enough for all of it, and to fetch ahead of need.
+const ENOUGH_MEMORY_BYTES: u64 = 8 << 20;
 
 /// A process that may die; its session dies with it.
 struct Node {
@@ -97,9 +100,9 @@ struct Node {
 }
 
 impl Node {
-    fn new(name: &str) -> Self {
+    fn new(name: &str, (when_missing, memory_bytes): (WhenMissing, u64)) -> Self {
         Self {
-            session: TileSession::new(name, None, SHORT_OF_MEMORY_BYTES),
+            session: TileSession::new(name, None, memory_bytes, when_missing),
             name: name.to_owned(),
             run: 0,
             peer: None,
@@ -120,6 +123,8 @@ impl Node {
 
 struct Sim {
     seed: u64,
+    /// What all nodes do, and what they may take.
+    setting: (WhenMissing, u64),
     rng: Random,
     now: Duration,
     queue: BinaryHeap<Reverse<(Duration, u64, Event)>>,
@@ -147,6 +152,8 @@ struct Sim {
     /// Shows of which the master has been told.
     shows_told: u64,
     deltas: u64,
+    /// When the master last took a message.
+    heard_at: Duration,
     is_finished: bool,
     trace: u64,
 }
@@ -154,6 +161,8 @@ struct Sim {
 impl Sim {
     fn new(seed: u64, [columns, rows]: [u32; 2]) -> Self {
         let mut rng = Random(seed);
+        let memory_bytes = [SHORT_OF_MEMORY_BYTES, ENOUGH_MEMORY_BYTES][(seed % 2) as usize];
+        let setting = (WhenMissing::ALL[(seed % 3) as usize], memory_bytes);
         let wall = wall(columns, rows);
         let package = package(LEAVES);
         let mut sections = Vec::new();
@@ -171,9 +180,10 @@ impl Sim {
         let barrier = BarrierOptions { wait: WAIT, start_wait: Duration::from_millis(500), start_nodes };
         let pace = if rng.chance(3) { Pace::AsFastAsPossible } else { Pace::Every(us(16_667)) };
         let options = MasterOptions { barrier, pace, first_frame: 0, frames: None, sections, session_seed: [7; 32] };
-        let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name)).collect();
+        let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name, setting)).collect();
         Self {
             seed,
+            setting,
             now: Duration::ZERO,
             queue: BinaryHeap::new(),
             order: 0,
@@ -195,6 +205,7 @@ impl Sim {
             shows: 0,
             shows_told: 0,
             deltas: 0,
+            heard_at: Duration::ZERO,
             is_finished: false,
             trace: 0,
             rng,
@@ -269,7 +280,10 @@ impl Sim {
     fn handle(&mut self, event: Event) {
         match event {
             Event::ToMaster { .. } | Event::NodeHangsUp { .. } | Event::Stranger { .. } if self.is_master_dead => {}
-            Event::ToMaster { peer, body } => self.master.handle_body(peer, &body, self.now),
+            Event::ToMaster { peer, body } => {
+                self.heard_at = self.now;
+                self.master.handle_body(peer, &body, self.now);
+            }
             Event::NodeHangsUp { peer } => {
                 self.links.remove(&peer);
                 self.master.handle_disconnected(peer, self.now);
@@ -298,7 +312,7 @@ impl Sim {
             }
             Event::Kill { node } => {
                 self.hang_up(node);
-                let fresh = Node::new(&self.nodes[node].name);
+                let fresh = Node::new(&self.nodes[node].name, self.setting);
                 let old = std::mem::replace(&mut self.nodes[node], fresh);
                 self.nodes[node].run = old.run + 1;
                 self.nodes[node].times_hung = old.times_hung;
@@ -522,8 +536,11 @@ impl Sim {
         assert_eq!(frame.views[0].leaves, self.sets[number][node], "node {node}, frame {number}");
         assert_eq!(n.transforms, self.places[number], "node {node}, frame {number}");
         let manifest = n.scene.as_ref().expect("a scene is open before anything is drawn");
-        let lacking = chunks_of(manifest, &frame.views[0].leaves).find(|c| !n.uploaded.contains(&c.0));
-        assert_eq!(lacking, None, "node {node}, frame {number}");
+        let one = |leaf| VisibleSet::from_ranges([LeafRange::new(leaf, leaf + 1)]);
+        let lacks = |leaf: &u32| chunks_of(manifest, &one(*leaf)).any(|c| !n.uploaded.contains(&c.0));
+        let lacking: Vec<u32> = frame.views[0].leaves.leaves().filter(lacks).collect();
+        assert_eq!(frame.views[0].missing.leaves().collect::<Vec<_>>(), lacking, "node {node}, frame {number}");
+        assert!(lacking.is_empty() || self.setting.0 != WhenMissing::Hold, "node {node}, frame {number}");
     }
 
     fn act(&mut self) {
@@ -595,7 +612,8 @@ impl Sim {
         }
         if *number > 0 {
             assert!(*waited <= WAIT, "frame {number} waited {waited:?}");
-            if *waited == WAIT && !self.live_at_begin.is_empty() {
+            // The last node may be ready in the very microsecond in which the wait is over.
+            if *waited == WAIT && self.heard_at < self.now && !self.live_at_begin.is_empty() {
                 assert!(!passed_over.is_empty() || still_live.is_empty(), "frame {number} waited for nobody");
             }
         }
@@ -606,6 +624,10 @@ impl Sim {
             // New leaves come into view all the time: a node may be fetching while the last few frames pass.
             let shown_at = node.shown.map(|frame| self.released_at[frame as usize]);
             assert!(shown_at > Some(END - BACK_IN_PICTURE), "node {i} shows frame {:?} of {:?}", node.shown, self.released);
+            if self.setting.1 == ENOUGH_MEMORY_BYTES {
+                let chunks = self.package.scene.manifest.chunks.len();
+                assert_eq!((node.uploaded.len(), node.evictions), (chunks, 0), "node {i} did not fetch ahead");
+            }
             // Blobs may make a node late too: it is live from its first frame in time on, and fetches as the view moves.
             let faults = node.times_hung + 1;
             assert!(self.passed_over[i] <= 8 * faults, "node {i} was passed over {} times", self.passed_over[i]);

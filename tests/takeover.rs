@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use mullion_client::missing::WhenMissing;
 use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, SceneManifest};
@@ -76,6 +77,7 @@ impl Node {
             part,
             credentials: None,
             memory_bytes: DEFAULT_MEMORY_BYTES,
+            when_missing: WhenMissing::Hold,
             cache: None,
             reconnect: Reconnect { give_up_after: Some(LIMIT), ..Reconnect::default() },
             stop: Some(stopped),

@@ -126,6 +126,8 @@ impl Show {
             "20",
             "--cache-mib",
             "0",
+            "--missing",
+            "hold",
         ])
     }
 

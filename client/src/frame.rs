@@ -9,6 +9,8 @@ use mullion_common::scene::{AlphaMode, ChunkId, LeafRecord, SceneManifest, Trans
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId};
 
+use crate::missing::WhenMissing;
+
 /// What the planner needs to know of one frame.
 pub struct FrameInput<'a> {
     /// The views to draw.
@@ -21,6 +23,8 @@ pub struct FrameInput<'a> {
     pub transforms: &'a [Transform],
     /// Whether a chunk is on the GPU.
     pub resident: &'a dyn Fn(ChunkId) -> bool,
+    /// What becomes of the views' missing leaves. All but boxes are left out.
+    pub when_missing: WhenMissing,
 }
 
 /// What the planner needs to know of one view.
@@ -29,6 +33,8 @@ pub struct ViewInput<'a> {
     pub view: ViewId,
     pub projection: Projection,
     pub visible: &'a VisibleSet,
+    /// Leaves of `visible` of which not all chunks have come: none of them is drawn as it is.
+    pub missing: &'a VisibleSet,
 }
 
 /// What to draw in one round. Executed by [`crate::gpu::Renderer::draw`].
@@ -49,7 +55,9 @@ pub struct PassPlan {
     pub opaque: VisibleSet,
     /// Blended leaves, drawn in this order: back to front, ties by leaf.
     pub blended: Vec<u32>,
-    /// Leaves left out because their geometry is not resident.
+    /// Leaves drawn as boxes, whatever their material: opaque, after all that is opaque and before all that is blended. Ascending.
+    pub boxes: Vec<u32>,
+    /// Leaves left out: not all of their chunks are there, and no box is drawn for them.
     pub missing: u32,
 }
 
@@ -65,9 +73,11 @@ pub struct PassResults {
 pub struct PassResult {
     /// The view drawn.
     pub view: ViewId,
-    /// Leaves drawn.
+    /// Leaves drawn, boxes aside.
     pub leaves: u32,
-    /// Triangles drawn.
+    /// Boxes drawn.
+    pub boxes: u32,
+    /// Triangles drawn, those of boxes among them.
     pub triangles: u64,
     /// Runs of leaves drawn with one state.
     pub batches: u32,
@@ -109,10 +119,18 @@ impl Planner {
         (pass.view, pass.projection, pass.missing) = (view.view, view.projection, 0);
         pass.opaque.clear();
         pass.blended.clear();
+        pass.boxes.clear();
         self.keyed.clear();
         let leaf_count = input.manifest.leaves.len() as u32;
         for leaf in view.visible.leaves().take_while(|&leaf| leaf < leaf_count) {
             let record = &input.manifest.leaves[leaf as usize];
+            if !view.missing.is_empty() && view.missing.contains(leaf) {
+                match input.when_missing {
+                    WhenMissing::Box => pass.boxes.push(leaf),
+                    WhenMissing::Hold | WhenMissing::Nothing => pass.missing += 1,
+                }
+                continue;
+            }
             if !(input.resident)(record.chunk) {
                 pass.missing += 1;
                 continue;
@@ -131,7 +149,7 @@ impl Planner {
 impl PassPlan {
     fn empty(view: &ViewInput<'_>) -> Self {
         let (view, projection) = (view.view, view.projection);
-        Self { view, projection, opaque: VisibleSet::default(), blended: Vec::new(), missing: 0 }
+        Self { view, projection, opaque: VisibleSet::default(), blended: Vec::new(), boxes: Vec::new(), missing: 0 }
     }
 }
 
@@ -176,10 +194,21 @@ mod tests {
         visible: &VisibleSet,
         resident: &dyn Fn(ChunkId) -> bool,
     ) -> FramePlan {
+        plan_without(planner, manifest, visible, resident, (WhenMissing::Hold, &VisibleSet::default()))
+    }
+
+    fn plan_without(
+        planner: &mut Planner,
+        manifest: &SceneManifest,
+        visible: &VisibleSet,
+        resident: &dyn Fn(ChunkId) -> bool,
+        (when_missing, missing): (WhenMissing, &VisibleSet),
+    ) -> FramePlan {
         let projection = Projection { eye: DVec3::new(5.0, 0.0, 0.0), clip_from_offset: DMat4::IDENTITY };
-        let views = [ViewInput { view: ViewId(3), projection, visible }];
+        let views = [ViewInput { view: ViewId(3), projection, visible, missing }];
         let transforms = &manifest.transforms;
-        planner.begin(FrameInput { views: &views, shared_eye: DVec3::ZERO, manifest, transforms, resident }).clone()
+        let shared_eye = DVec3::ZERO;
+        planner.begin(FrameInput { views: &views, shared_eye, manifest, transforms, resident, when_missing }).clone()
     }
 
     const MASK: AlphaMode = AlphaMode::Mask { cutoff: 0.5 };
@@ -212,7 +241,7 @@ mod tests {
     }
 
     fn result() -> PassResult {
-        PassResult { view: ViewId(3), leaves: 6, triangles: 6, batches: 2 }
+        PassResult { view: ViewId(3), leaves: 6, boxes: 0, triangles: 6, batches: 2 }
     }
 
     #[test]
@@ -228,15 +257,44 @@ mod tests {
     }
 
     #[test]
+    fn missing_leaves_are_boxes_or_left_out_and_the_others_as_they_were() {
+        let scene = manifest(&[
+            (2.0, AlphaMode::Blend, false),
+            (9.0, AlphaMode::Opaque, false),
+            (7.0, AlphaMode::Blend, true),
+            (1.0, MASK, true),
+            (4.0, AlphaMode::Opaque, true),
+        ]);
+        let mut planner = Planner::new();
+        let (all, missing) = (VisibleSet::all(5), VisibleSet::from_ranges([LeafRange::new(2, 4)]));
+        let there = |chunk: ChunkId| chunk.0 != 4; // leaf 3's geometry; of leaf 2 only the texture lacks
+        let boxes = plan_without(&mut planner, &scene, &all, &there, (WhenMissing::Box, &missing)).passes.remove(0);
+        assert_eq!((boxes.boxes.as_slice(), boxes.missing), ([2, 3].as_slice(), 0));
+        let nothing = plan_without(&mut planner, &scene, &all, &there, (WhenMissing::Nothing, &missing)).passes.remove(0);
+        assert_eq!((nothing.boxes.as_slice(), nothing.missing), ([].as_slice(), 2));
+        for pass in [boxes, nothing] {
+            assert_eq!(pass.opaque.leaves().collect::<Vec<_>>(), [1, 4]);
+            assert_eq!(pass.blended, [0]);
+        }
+    }
+
+    #[test]
     fn moved_objects_are_sorted_where_they_stand() {
         let scene = manifest(&[(1.0, AlphaMode::Blend, false), (2.0, AlphaMode::Blend, false)]);
         let moved = [scene.transforms[1], scene.transforms[0]];
         let projection = Projection { eye: DVec3::ZERO, clip_from_offset: DMat4::IDENTITY };
         let visible = VisibleSet::all(2);
-        let views = [ViewInput { view: ViewId(0), projection, visible: &visible }];
+        let missing = VisibleSet::default();
+        let views = [ViewInput { view: ViewId(0), projection, visible: &visible, missing: &missing }];
         let mut planner = Planner::new();
-        let input =
-            FrameInput { views: &views, shared_eye: DVec3::ZERO, manifest: &scene, transforms: &moved, resident: &|_| true };
+        let input = FrameInput {
+            views: &views,
+            shared_eye: DVec3::ZERO,
+            manifest: &scene,
+            transforms: &moved,
+            resident: &|_| true,
+            when_missing: WhenMissing::Hold,
+        };
         assert_eq!(planner.begin(input).passes[0].blended, [0, 1]);
     }
 }

@@ -136,6 +136,7 @@ impl Painter for GpuPainter {
                     &frame.world_from_room,
                 ),
                 visible: &view.leaves,
+                missing: &view.missing,
             })
             .collect();
         let resident = |chunk| renderer.is_resident(chunk);
@@ -145,6 +146,7 @@ impl Painter for GpuPainter {
             manifest,
             transforms: renderer.transforms(),
             resident: &resident,
+            when_missing: frame.when_missing,
         };
         let mut stats = DrawStats::default();
         let mut round = Some(self.planner.begin(input));

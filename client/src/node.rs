@@ -20,6 +20,7 @@ use tokio::time::timeout;
 use crate::connection::{End, connect, framed, keep_connected, stopped, write_message};
 use crate::disk_cache::DiskCache;
 use crate::master_clock::{MasterClock, PING_EVERY};
+use crate::missing::WhenMissing;
 use crate::tile_session::{Action, Assembly, DrawStats, EndedBy, FrameToDraw, PieceError, TileSession};
 
 /// Messages and blobs that may wait for the painter. Blobs are bounded by what the session asks for at once.
@@ -49,7 +50,7 @@ pub trait Painter {
     /// # Errors
     /// See [`PaintError`].
     fn set_transform(&mut self, moved: &Moved) -> Result<(), PaintError>;
-    /// Draw and keep the picture back. All its chunks have been uploaded.
+    /// Draw and keep the picture back. The chunks of all leaves that are not listed as missing have been uploaded.
     ///
     /// # Errors
     /// See [`PaintError`].
@@ -85,8 +86,11 @@ pub struct NodeOptions {
     pub part: Part,
     /// What proves it.
     pub credentials: Option<Vec<u8>>,
-    /// What chunks may take on the GPU before those that were not needed for longest go.
+    /// What chunks may take on the GPU before those that were not needed for longest go, bytes. Chunks that no frame needs yet are fetched
+    /// up to three quarters of it.
     pub memory_bytes: u64,
+    /// What is shown of what has not come yet.
+    pub when_missing: WhenMissing,
     /// Where blobs are looked for first, and kept.
     pub cache: Option<Arc<DiskCache>>,
     /// When to try again.
@@ -166,8 +170,8 @@ pub fn run(options: NodeOptions, painter: &mut dyn Painter) -> Result<NodeReport
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (events, mut inbox) = mpsc::channel(MAX_EVENTS);
     let stats = Arc::new(Mutex::new(Stats::default()));
-    let session =
-        TileSession::new(options.node.clone(), options.credentials.clone(), options.memory_bytes).taking_part_as(options.part);
+    let NodeOptions { node, part, credentials, memory_bytes, when_missing, .. } = options.clone();
+    let session = TileSession::new(node, credentials, memory_bytes, when_missing).taking_part_as(part);
     let started = Instant::now();
     let clock = MasterClock::default();
     let mut easel = Easel { session, painter, report: NodeReport::default(), link: None, clock, started };

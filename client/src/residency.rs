@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use mullion_common::scene::{ChunkId, SceneManifest, Transform};
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 /// What is known of one chunk.
 #[derive(Clone, Copy, Debug, Default)]
@@ -77,6 +77,16 @@ impl Residency {
         }
     }
 
+    /// Those leaves of a set that lack a chunk, geometry or texture. All leaves must be in the manifest.
+    pub fn missing_of(&self, manifest: &SceneManifest, set: &VisibleSet, out: &mut VisibleSet) {
+        out.clear();
+        for leaf in set.leaves() {
+            if chunks_of(manifest, leaf).into_iter().flatten().any(|chunk| !self.is_resident(chunk)) {
+                out.push(LeafRange::new(leaf, leaf + 1));
+            }
+        }
+    }
+
     /// Whether the chunk is resident. False for a chunk that the scene does not have.
     pub fn is_resident(&self, chunk: ChunkId) -> bool {
         self.entries.get(chunk.0 as usize).is_some_and(|entry| entry.bytes.is_some())
@@ -110,6 +120,21 @@ impl Residency {
         out.truncate(kept);
     }
 
+    /// How many frames were begun.
+    pub fn frame(&self) -> u64 {
+        self.frame
+    }
+
+    /// The last frame that needed the chunk, as [`Residency::frame`] counts; 0 for never.
+    pub fn needed_in(&self, chunk: ChunkId) -> u64 {
+        self.entries.get(chunk.0 as usize).map_or(0, |entry| entry.needed_in)
+    }
+
+    /// What resident chunks may take, bytes.
+    pub fn cap_bytes(&self) -> u64 {
+        self.cap_bytes
+    }
+
     /// Bytes of all resident chunks.
     pub fn resident_bytes(&self) -> u64 {
         self.resident_bytes
@@ -117,7 +142,7 @@ impl Residency {
 }
 
 /// A leaf's geometry and its texture.
-fn chunks_of(manifest: &SceneManifest, leaf: u32) -> [Option<ChunkId>; 2] {
+pub(crate) fn chunks_of(manifest: &SceneManifest, leaf: u32) -> [Option<ChunkId>; 2] {
     let record = &manifest.leaves[leaf as usize];
     [Some(record.chunk), manifest.materials[record.material.0 as usize].texture.map(|t| t.chunk)]
 }
@@ -128,7 +153,6 @@ mod tests {
     use mullion_common::scene::{
         AlphaMode, ChunkHash, ChunkKind, ChunkRecord, Filter, LeafRecord, Material, MaterialId, ObjectId, TextureRef, Wrap,
     };
-    use mullion_common::visible_set::LeafRange;
     use proptest::prelude::*;
 
     /// Eight leaves over chunks 0 to 3, two each; odd leaves have texture 4.

@@ -11,6 +11,7 @@ use anyhow::{Context, Result, anyhow};
 use image::RgbaImage;
 use mullion_client::gpu::{Gpu, GpuOptions, TileRect};
 use mullion_client::gpu_painter::{GpuPainter, Output};
+use mullion_client::missing::WhenMissing;
 use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, Reconnect};
 use mullion_client::output::headless::write_png;
 use mullion_client::output::window::{Cover, Display, WindowOptions};
@@ -216,6 +217,8 @@ fn start_node(
         part: Part::Own,
         credentials: None,
         memory_bytes: DEFAULT_MEMORY_BYTES,
+        // Every picture is to be exact.
+        when_missing: WhenMissing::Hold,
         cache: None,
         reconnect,
         stop: Some(stopped),

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use anyhow::{Result, anyhow};
+use mullion_client::missing::WhenMissing;
 use mullion_client::node::{NodeOptions, Reconnect};
 use mullion_client::protocol_node::{self, ProtocolReport};
 use mullion_common::wire::Part;
@@ -70,6 +71,7 @@ pub fn run(options: &Options) -> Result<()> {
                 node: name.clone(),
                 credentials: None,
                 memory_bytes: 0,
+                when_missing: WhenMissing::Hold,
                 cache: None,
                 reconnect,
                 stop: None,

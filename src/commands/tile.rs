@@ -8,6 +8,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use mullion_client::disk_cache::DiskCache;
 use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
+use mullion_client::missing::WhenMissing;
 use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, Reconnect};
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 use mullion_common::wire::Part;
@@ -41,6 +42,9 @@ pub struct Options {
     #[arg(long, value_name = "MIB", default_value_t = DEFAULT_MEMORY_BYTES >> 20,
           value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
     memory_mib: u64,
+    /// What to show of what has not come yet: box, hold (the last picture, until everything is there) or nothing.
+    #[arg(long, value_name = "box|hold|nothing", default_value_t = WhenMissing::Box)]
+    missing: WhenMissing,
     /// Folder for geometry and textures, so that a restart fetches only what is new; nodes of one machine may share it. The user's cache
     /// folder if left out.
     #[arg(long, value_name = "DIR")]
@@ -84,6 +88,7 @@ pub fn run(options: &Options) -> Result<()> {
         node: options.name.clone(),
         credentials: None,
         memory_bytes: options.memory_mib << 20,
+        when_missing: options.missing,
         cache: options.open_cache()?,
         reconnect,
         stop: Some(stop.subscribe()),

@@ -54,6 +54,8 @@ pub(super) struct DrawList {
     pub arguments: Vec<DrawArguments>,
     pub batches: Vec<Batch>,
     pub triangles: u64,
+    /// How many of the draws are boxes.
+    pub boxes: u32,
 }
 
 impl DrawList {
@@ -63,6 +65,7 @@ impl DrawList {
         self.arguments.clear();
         self.batches.clear();
         self.triangles = 0;
+        self.boxes = 0;
     }
 
     pub fn push(&mut self, state: State, instance: Instance, indices: (u32, u32), base_vertex: u32) {

@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
-use mullion_common::scene::{ChunkId, ChunkKind, ObjectId, SceneManifest, Transform};
+use glam::DAffine3;
+use mullion_common::scene::{ChunkId, ChunkKind, LeafRecord, ObjectId, SceneManifest, Transform};
 use mullion_common::wall::ViewId;
 
 use super::arena::{Arena, Slot};
 use super::device::{Gpu, GpuError};
 use super::draws::{DrawBuffers, DrawList, Instance, State};
-use super::pipelines::{PipelineKey, Pipelines, Sides};
+use super::pipelines::{Coverage, PipelineKey, Pipelines, Sides};
 use super::targets::{Attachments, CLEAR_COLOR, Shown, Target};
 use super::upload::{self, Materials, UploadError};
 use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
@@ -32,6 +33,8 @@ pub struct Renderer {
     arena: Arena,
     /// Resident geometry, by `ChunkId`.
     geometry: Vec<Option<Slot>>,
+    /// What boxes are drawn with.
+    cube: Slot,
     materials: Materials,
     pipelines: Pipelines,
     list: DrawList,
@@ -57,12 +60,15 @@ impl Renderer {
         let targets = views.iter().map(|v| Target::new(&gpu, v.view, v.size_px, attachments)).collect::<Result<_, _>>()?;
         let materials = Materials::new(&gpu, &manifest, &pipelines.texture_layout);
         let buffers = DrawBuffers::new(&gpu);
+        let mut arena = Arena::new();
+        let cube = upload::unit_cube(&gpu, &mut arena)?;
         gpu.check()?;
         Ok(Self {
             targets,
             transforms: manifest.transforms.clone(),
             mirrored: manifest.transforms.iter().map(Transform::is_mirrored).collect(),
-            arena: Arena::new(),
+            arena,
+            cube,
             geometry: vec![None; manifest.chunks.len()],
             materials,
             pipelines,
@@ -170,7 +176,8 @@ impl Renderer {
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         Ok(PassResult {
             view: pass.view,
-            leaves: self.list.arguments.len() as u32,
+            leaves: self.list.arguments.len() as u32 - self.list.boxes,
+            boxes: self.list.boxes,
             triangles: self.list.triangles,
             batches: self.list.batches.len() as u32,
         })
@@ -180,7 +187,31 @@ impl Renderer {
     fn list_draws(&mut self, pass: &PassPlan) {
         self.list.clear();
         self.pass += 1;
-        for leaf in pass.opaque.leaves().chain(pass.blended.iter().copied()) {
+        self.list_leaves(pass, pass.opaque.leaves());
+        self.list_boxes(pass);
+        self.list_leaves(pass, pass.blended.iter().copied());
+    }
+
+    /// Boxes are the cube, stretched. Their inner sides are dropped: a box around the eye would hide everything.
+    fn list_boxes(&mut self, pass: &PassPlan) {
+        const NO_TEXTURE: u32 = 0;
+        for leaf in &pass.boxes {
+            let Some(leaf) = self.manifest.leaves.get(*leaf as usize) else { continue };
+            let object = leaf.object.0 as usize;
+            let world_from_box = self.transforms[object].affine() * local_from_box(leaf);
+            let record = self.list.records.len() as u32;
+            self.list.records.push(pass.projection.clip_from_local(&world_from_box).to_cols_array());
+            let sides = if self.mirrored[object] { Sides::FrontMirrored } else { Sides::Front };
+            let pipeline = PipelineKey::new(Coverage::Opaque, sides);
+            let state = State { pipeline, texture: NO_TEXTURE, page: self.cube.page };
+            let instance = Instance { record, material: leaf.material.0, object: leaf.object.0 };
+            self.list.push(state, instance, (self.cube.first_index, self.cube.index_count), self.cube.first_vertex);
+            self.list.boxes += 1;
+        }
+    }
+
+    fn list_leaves(&mut self, pass: &PassPlan, leaves: impl Iterator<Item = u32>) {
+        for leaf in leaves {
             let Some(record) = self.manifest.leaves.get(leaf as usize) else { continue };
             let Some(slot) = self.geometry[record.chunk.0 as usize] else { continue };
             if slot.index_count == 0 {
@@ -254,4 +285,10 @@ impl Renderer {
             }
         }
     }
+}
+
+/// From the unit cube to the leaf's bounds.
+fn local_from_box(leaf: &LeafRecord) -> DAffine3 {
+    let bounds = leaf.local_aabb();
+    DAffine3 { matrix3: glam::DMat3::from_diagonal(bounds.size()), translation: bounds.min }
 }

@@ -7,7 +7,7 @@ use mullion_common::scene::{AlphaMode, ChunkError, ChunkId, Filter, GeometryChun
 use thiserror::Error;
 
 use super::arena::{Arena, Slot, Vertex};
-use super::device::Gpu;
+use super::device::{Gpu, GpuError};
 use super::pipelines::{Coverage, bind_texture};
 use super::textures;
 
@@ -155,6 +155,17 @@ fn sampler(gpu: &Gpu, texture: TextureRef) -> wgpu::Sampler {
         mipmap_filter: wgpu::MipmapFilterMode::Linear,
         ..Default::default()
     })
+}
+
+/// The cube from 0 to 1 along each axis, white: what boxes are drawn with.
+pub(super) fn unit_cube(gpu: &Gpu, arena: &mut Arena) -> Result<Slot, GpuError> {
+    let corner = |i: u8| Vertex { position: [i & 1, i >> 1 & 1, i >> 2].map(f32::from), uv: [0.0; 2], color: [255; 4] };
+    // Two triangles a face, counterclockwise from outside: −x, +x, −y, +y, −z, +z.
+    const FACES: [[u16; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let indices = FACES.map(|[a, b, c, d]| [a, b, c, a, c, d]);
+    let limit =
+        |e: super::arena::TooLarge| GpuError::Limit { what: "buffer of geometry in bytes", value: e.bytes, limit: e.limit };
+    arena.insert(gpu, (0..8).map(corner), indices.as_flattened()).map_err(limit)
 }
 
 /// Decodes and takes a leaf's geometry. Attributes that the chunk lacks become zero and white; texture coordinates

@@ -3,10 +3,13 @@
 //! ```text
 //! Frame(n) → sets by delta → what is missing? → Fetch … blobs → Upload → Draw(n) → drawn → Ready(n) … Swap(n) → Show(n)
 //! ```
-//! It works on the newest frame: one that came while another was drawn or fetched for takes its place. Chunks stay
+//! It works on the newest frame: one that came while another was drawn or fetched for takes its place. Whether a frame waits for its
+//! chunks is a setting ([`WhenMissing`]); once nothing lacks, chunks that later frames will need are fetched. Chunks stay
 //! across frames and, while the scene stays the same, across connections; so does the picture that is shown.
 
 mod assembly;
+mod on_the_way;
+mod planning;
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
@@ -20,17 +23,22 @@ use mullion_common::wire::{
     ToTile, ViewSpec, Welcome,
 };
 
+use crate::missing::WhenMissing;
+use crate::motion::Motion;
+use crate::prefetch::{PREFETCH_WINDOW, Prefetch};
 use crate::residency::Residency;
 
 pub use assembly::{Assembly, PieceError};
+use on_the_way::{OnTheWay, Purpose};
+use planning::Lack;
 
 /// How often a blob that came damaged is asked for again.
 pub const MAX_REFETCHES: u32 = 3;
-/// Most blobs on their way at once: few, so that what is needed most does not queue behind what was.
+/// Most blobs on their way at once that a frame needs: few, so that what is needed most does not queue behind what was.
 pub const FETCH_WINDOW: usize = 64;
 /// Most bytes on their way at once, but for a single larger blob.
 pub const FETCH_WINDOW_BYTES: u64 = 8 << 20;
-const _: () = assert!(FETCH_WINDOW <= MAX_WANTED, "the master takes a full window");
+const _: () = assert!(FETCH_WINDOW + PREFETCH_WINDOW <= MAX_WANTED, "the master takes full windows");
 
 /// What one view draws.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,9 +51,11 @@ pub struct ViewToDraw {
     pub budget: Budget,
     /// What it sees; all of it is in the manifest.
     pub leaves: VisibleSet,
+    /// Those of them that lack a chunk yet; none where the frame was to wait for them.
+    pub missing: VisibleSet,
 }
 
-/// A frame whose chunks are all there.
+/// A frame to be drawn.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameToDraw {
     /// Its number.
@@ -60,6 +70,8 @@ pub struct FrameToDraw {
     pub shared_eye: DVec3,
     /// In the order of the welcome.
     pub views: Vec<ViewToDraw>,
+    /// What to do with leaves that are missing.
+    pub when_missing: WhenMissing,
 }
 
 /// What drawing a frame took.
@@ -123,23 +135,9 @@ struct OpenScene {
     manifest: Arc<SceneManifest>,
     transforms: Vec<Transform>,
     residency: Residency,
+    prefetch: Prefetch,
     /// All chunks, sorted by their hashes.
     by_hash: Vec<ChunkId>,
-}
-
-/// What the newest frame lacks.
-#[derive(Debug, Default)]
-struct Lack {
-    /// Which frame; `None` where that is not worked out.
-    frame: Option<u64>,
-    /// In order of need.
-    chunks: Vec<ChunkId>,
-    /// How many of them from the front have been asked for, or are there.
-    asked: usize,
-    /// By `ChunkId`: whether it is in `chunks` and not there.
-    is_awaited: Vec<bool>,
-    /// How many are awaited.
-    left: usize,
 }
 
 /// The manifest's sections on their way.
@@ -167,6 +165,7 @@ pub struct TileSession {
     credentials: Option<Vec<u8>>,
     needs: Needs,
     memory_bytes: u64,
+    when_missing: WhenMissing,
     evicted: Vec<ChunkId>,
     views: Arc<[ViewSpec]>,
     views_changed: bool,
@@ -175,13 +174,12 @@ pub struct TileSession {
     section_refs: Vec<SectionRef>,
     sections: Option<Sections>,
     scene: Option<OpenScene>,
-    on_the_way: HashMap<ChunkHash, u64>,
-    on_the_way_bytes: u64,
+    on_the_way: OnTheWay,
     damaged: HashMap<ChunkHash, u32>,
     /// Frames that were acknowledged on this connection; the newest last.
     acknowledged: VecDeque<Arc<FrameToDraw>>,
     /// The newest frame, not drawn yet.
-    pending: Option<Arc<FrameToDraw>>,
+    pending: Option<FrameToDraw>,
     /// Moved objects that came before the scene was open.
     moved_early: HashMap<ObjectId, Transform>,
     drawing: Option<Arc<FrameToDraw>>,
@@ -194,19 +192,23 @@ pub struct TileSession {
     closed: bool,
     actions: VecDeque<Action>,
     lack: Lack,
+    /// Frames a second, as the master says.
+    rate_hz: f64,
+    motion: Motion,
 }
 
 impl TileSession {
     /// A node of that name, not connected yet.
     ///
-    /// `memory_bytes`: what chunks may take on the GPU before those that were not needed for longest go.
-    pub fn new(node: impl Into<String>, credentials: Option<Vec<u8>>, memory_bytes: u64) -> Self {
+    /// `memory_bytes`: what chunks may take on the GPU before those that were not needed for longest go. `when_missing`: whether frames wait for chunks.
+    pub fn new(node: impl Into<String>, credentials: Option<Vec<u8>>, memory_bytes: u64, when_missing: WhenMissing) -> Self {
         Self {
             node: node.into(),
             part: Part::Own,
             credentials,
             needs: Needs::Scene,
             memory_bytes,
+            when_missing,
             evicted: Vec::new(),
             views: Arc::new([]),
             views_changed: true,
@@ -214,8 +216,7 @@ impl TileSession {
             section_refs: Vec::new(),
             sections: None,
             scene: None,
-            on_the_way: HashMap::new(),
-            on_the_way_bytes: 0,
+            on_the_way: OnTheWay::default(),
             damaged: HashMap::new(),
             acknowledged: VecDeque::new(),
             pending: None,
@@ -228,13 +229,15 @@ impl TileSession {
             closed: true,
             actions: VecDeque::new(),
             lack: Lack::default(),
+            rate_hz: 0.0,
+            motion: Motion::default(),
         }
     }
 
     /// A node that takes part in everything but fetches and draws nothing: every frame is to be drawn as soon as it is there. For
     /// loading a master.
     pub fn without_scene(node: impl Into<String>, credentials: Option<Vec<u8>>) -> Self {
-        Self { needs: Needs::Nothing, ..Self::new(node, credentials, 0) }
+        Self { needs: Needs::Nothing, ..Self::new(node, credentials, 0, WhenMissing::Hold) }
     }
 
     /// The same as a spare, or with a place of its own.
@@ -268,7 +271,10 @@ impl TileSession {
         self.acknowledged.clear();
         self.damaged.clear();
         self.on_the_way.clear();
-        self.on_the_way_bytes = 0;
+        self.motion = Motion::default();
+        if let Some(scene) = &mut self.scene {
+            scene.prefetch.forget_asked();
+        }
     }
 
     /// A message came in.
@@ -303,10 +309,9 @@ impl TileSession {
 
     /// A blob came in whole.
     pub fn handle_blob(&mut self, hash: ChunkHash, bytes: Vec<u8>) {
-        let Some(length) = self.on_the_way.remove(&hash).filter(|_| !self.closed) else { return };
-        self.on_the_way_bytes -= length;
+        let Some((length, purpose)) = self.on_the_way.remove(&hash).filter(|_| !self.closed) else { return };
         if ChunkHash::of(&bytes) != hash {
-            return self.take_damaged(hash, length);
+            return self.take_damaged(hash, length, purpose);
         }
         if let Some(sections) = &mut self.sections {
             sections.take(hash, bytes);
@@ -381,6 +386,7 @@ impl TileSession {
     }
 
     fn take_welcome(&mut self, welcome: Welcome) {
+        self.rate_hz = welcome.rate_hz;
         if *self.views != *welcome.views {
             self.views = welcome.views.into();
             self.views_changed = true;
@@ -422,7 +428,7 @@ impl TileSession {
                 fetch.push((section.hash, section.length));
             }
         }
-        self.fetch(fetch);
+        self.fetch(fetch, Purpose::Need);
         Ok(())
     }
 
@@ -449,23 +455,15 @@ impl TileSession {
             if leaves.digest() != view.digest {
                 return Err(format!("frame {}: what view {} sees is not what the master says", frame.number, spec.view.0));
             }
-            Ok(ViewToDraw { view: spec.view, eye: view.eye, budget: view.budget, leaves })
+            Ok(ViewToDraw { view: spec.view, eye: view.eye, budget: view.budget, leaves, missing: VisibleSet::default() })
         });
         let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, .. } = frame;
         let views = views.collect::<Result<_, String>>()?;
-        self.pending = Some(Arc::new(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views }));
+        let when_missing = self.when_missing;
+        self.pending = Some(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views, when_missing });
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));
         self.plan();
         Ok(())
-    }
-
-    fn take_damaged(&mut self, hash: ChunkHash, length: u64) {
-        let times = self.damaged.get(&hash).map_or(1, |times| times + 1);
-        self.damaged.insert(hash, times);
-        if times > MAX_REFETCHES {
-            return self.fail(format!("blob {hash} came damaged {times} times"));
-        }
-        self.fetch(vec![(hash, length)]);
     }
 
     fn open_when_whole(&mut self) {
@@ -484,116 +482,11 @@ impl TileSession {
         self.scene = Some(OpenScene {
             transforms: manifest.transforms.clone(),
             residency: Residency::new(manifest.chunks.len(), self.memory_bytes),
+            prefetch: Prefetch::new(manifest.chunks.len()),
             by_hash,
             manifest: Arc::clone(&manifest),
         });
         self.actions.push_back(Action::OpenScene(manifest, Arc::clone(&self.views)));
-    }
-
-    fn take_chunk(&mut self, hash: ChunkHash, bytes: Vec<u8>) {
-        let Some(scene) = &mut self.scene else { return };
-        let hash_of = |id: &ChunkId| scene.manifest.chunks[id.0 as usize].hash;
-        let first = scene.by_hash.partition_point(|id| hash_of(id) < hash);
-        let same = scene.by_hash[first..].iter().copied().take_while(|id| hash_of(id) == hash);
-        for chunk in same.collect::<Vec<_>>() {
-            let at = chunk.0 as usize;
-            if !scene.residency.is_resident(chunk) {
-                scene.residency.loaded(chunk, bytes.len() as u64);
-                self.actions.push_back(Action::Upload { chunk, bytes: bytes.clone() });
-                if std::mem::take(&mut self.lack.is_awaited[at]) {
-                    self.lack.left -= 1;
-                }
-            }
-        }
-    }
-
-    /// Finds out what the newest frame lacks, and goes on from there.
-    fn plan(&mut self) {
-        if self.closed || self.drawing.is_some() {
-            return;
-        }
-        if self.needs == Needs::Nothing {
-            self.lack.frame = self.pending.as_ref().map(|pending| pending.number);
-            self.moved_early.clear();
-            return;
-        }
-        let (Some(scene), Some(pending)) = (&mut self.scene, &self.pending) else { return };
-        let leaf_count = scene.manifest.leaves.len() as u32;
-        let beyond = pending.views.iter().filter_map(|v| v.leaves.ranges().last()).find(|r| r.end > leaf_count);
-        if let Some(range) = beyond {
-            let reason = format!("frame {}: leaf {} of {leaf_count}", pending.number, range.end - 1);
-            return self.fail(reason);
-        }
-        if let Some(object) = self.moved_early.keys().find(|o| o.0 as usize >= scene.transforms.len()) {
-            let reason = format!("frame {}: object {} moved, which is not there", pending.number, object.0);
-            return self.fail(reason);
-        }
-        for (object, transform) in self.moved_early.drain() {
-            let known = &mut scene.transforms[object.0 as usize];
-            if *known != transform {
-                *known = transform;
-                self.actions.push_back(Action::SetTransform(Moved { object, transform }));
-            }
-        }
-        let OpenScene { manifest, transforms, residency, .. } = scene;
-        let sets = pending.views.iter().map(|v| &v.leaves);
-        residency.begin_frame(manifest, transforms, sets, pending.shared_eye, &mut self.lack.chunks);
-        residency.evict(&mut self.evicted);
-        self.actions.extend(self.evicted.iter().map(|chunk| Action::Evict(*chunk)));
-        self.lack.frame = Some(pending.number);
-        self.lack.asked = 0;
-        self.lack.left = self.lack.chunks.len();
-        self.lack.is_awaited.clear();
-        self.lack.is_awaited.resize(scene.manifest.chunks.len(), false);
-        for chunk in &self.lack.chunks {
-            self.lack.is_awaited[chunk.0 as usize] = true;
-        }
-        self.fetch_missing();
-    }
-
-    fn next_draw(&mut self) -> Option<Action> {
-        let planned = self.lack.frame.is_some() && self.lack.frame == self.pending.as_ref().map(|p| p.number);
-        if self.closed || self.drawing.is_some() || !planned || self.lack.left > 0 {
-            return None;
-        }
-        self.drawing = self.pending.take();
-        self.drawn = None;
-        self.lack.frame = None;
-        self.drawing.as_ref().map(|drawing| Action::Draw(Arc::clone(drawing)))
-    }
-
-    fn fetch_missing(&mut self) {
-        let Some(scene) = self.scene.as_ref().filter(|_| !self.closed && self.lack.frame.is_some()) else { return };
-        let (mut open, mut bytes) = (self.on_the_way.len(), self.on_the_way_bytes);
-        let mut fetch: Vec<(ChunkHash, u64)> = Vec::new();
-        while let Some(id) = self.lack.chunks.get(self.lack.asked) {
-            let record = &scene.manifest.chunks[id.0 as usize];
-            let length = u64::from(record.length);
-            let is_asked = scene.residency.is_resident(*id)
-                || self.on_the_way.contains_key(&record.hash)
-                || fetch.iter().any(|(hash, _)| *hash == record.hash);
-            if !is_asked {
-                if open >= FETCH_WINDOW || (open > 0 && bytes + length > FETCH_WINDOW_BYTES) {
-                    break;
-                }
-                open += 1;
-                bytes += length;
-                fetch.push((record.hash, length));
-            }
-            self.lack.asked += 1;
-        }
-        self.fetch(fetch);
-    }
-
-    fn fetch(&mut self, blobs: Vec<(ChunkHash, u64)>) {
-        if blobs.is_empty() {
-            return;
-        }
-        for (hash, length) in &blobs {
-            self.on_the_way.insert(*hash, *length);
-            self.on_the_way_bytes += length;
-        }
-        self.actions.push_back(Action::Fetch(blobs));
     }
 }
 

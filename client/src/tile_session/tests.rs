@@ -72,9 +72,16 @@ fn actions(session: &mut TileSession) -> Vec<Action> {
     std::iter::from_fn(|| session.poll_action()).collect()
 }
 
+/// The three chunks, and no room to fetch one ahead.
+const MEMORY_BYTES: u64 = 30;
+
 /// A session whose scene is open and which lacks every chunk.
 fn open() -> TileSession {
-    let mut session = TileSession::new("t0x0", None, u64::MAX);
+    open_with(WhenMissing::Hold, MEMORY_BYTES)
+}
+
+fn open_with(when_missing: WhenMissing, memory_bytes: u64) -> TileSession {
+    let mut session = TileSession::new("t0x0", None, memory_bytes, when_missing);
     session.connected();
     session.handle_message(welcome());
     session.handle_message(manifest());
@@ -114,7 +121,6 @@ fn left(session: &mut TileSession) -> String {
 fn nearest_chunks_come_first_and_nothing_is_drawn_before_all_are_there() {
     let mut session = open();
     session.handle_message(frame(0, None, &[(0, 1), (2, 3)]));
-    let hash = |i: u8| (ChunkHash::of(&[i; 10]), 10);
     assert_eq!(actions(&mut session), [Action::Fetch(vec![hash(2), hash(0)])]);
     give(&mut session, 2);
     assert!(matches!(&actions(&mut session)[..], [Action::Upload { chunk: ChunkId(2), .. }]));
@@ -190,7 +196,7 @@ fn a_master_that_lies_is_left_with_a_reason() {
     let mut session = open();
     session.handle_absent(ChunkHash([0; 32]));
     assert!(left(&mut session).contains("no blob"));
-    let mut session = TileSession::new("t0x0", None, u64::MAX);
+    let mut session = TileSession::new("t0x0", None, u64::MAX, WhenMissing::Hold);
     session.connected();
     session.handle_message(frame(0, None, &[]));
     assert!(left(&mut session).contains("before the manifest"));
@@ -237,4 +243,117 @@ fn a_set_that_is_not_the_masters_ends_the_connection() {
     session.handle_message(ToTile::Frame(frame));
     let got = actions(&mut session);
     assert!(matches!(&got[..], [Action::Close { bye, by: EndedBy::Node }] if bye.reason.contains("view 0")), "{got:?}");
+}
+
+/// A session of that setting whose scene is open and which was told of frame 0, leaves 0 and 2; leaf 2 is nearest.
+fn told_of_frame_0(when_missing: WhenMissing) -> TileSession {
+    let mut session = open_with(when_missing, MEMORY_BYTES);
+    session.handle_message(frame(0, None, &[(0, 1), (2, 3)]));
+    session
+}
+
+fn missing_in(action: Option<&Action>) -> Vec<u32> {
+    match action {
+        Some(Action::Draw(frame)) => frame.views[0].missing.leaves().collect(),
+        other => panic!("not drawn but {other:?}"),
+    }
+}
+
+#[test]
+fn a_frame_that_need_not_wait_is_drawn_at_once_and_names_what_is_missing() {
+    for when_missing in [WhenMissing::Box, WhenMissing::Nothing] {
+        let mut session = told_of_frame_0(when_missing);
+        let got = actions(&mut session);
+        assert!(matches!(&got[..], [Action::Fetch(blobs), Action::Draw(frame)]
+            if blobs.len() == 2 && frame.when_missing == when_missing && frame.views[0].leaves.len() == 2));
+        assert_eq!(missing_in(got.last()), [0, 2]);
+        session.drawn(0, DrawStats::default());
+        assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, shown: None })]);
+        // The next frame shows what has come; it stands on the whole set of the one before.
+        give(&mut session, 2);
+        assert!(matches!(&actions(&mut session)[..], [Action::Upload { chunk: ChunkId(2), .. }]), "nothing is drawn twice");
+        let ToTile::Frame(mut next) = frame(1, None, &[(0, 1), (2, 3)]) else { unreachable!("a frame") };
+        next.base = Some(0);
+        next.views[0].leaves.added.clear();
+        session.handle_message(ToTile::Frame(next));
+        let got = actions(&mut session);
+        assert_eq!(missing_in(got.last()), [0]);
+        assert_eq!(got.len(), 1, "what is on its way is not fetched again");
+        session.drawn(1, DrawStats::default());
+        give(&mut session, 0);
+        session.handle_message(frame(2, None, &[(0, 1), (2, 3)]));
+        assert_eq!(missing_in(actions(&mut session).last()), []);
+    }
+}
+
+#[test]
+fn a_frame_that_holds_is_drawn_when_all_is_there() {
+    let mut session = told_of_frame_0(WhenMissing::Hold);
+    assert_eq!(actions(&mut session).len(), 1, "fetched, not drawn");
+    give(&mut session, 2);
+    give(&mut session, 0);
+    let got = actions(&mut session);
+    assert_eq!(got.len(), 3);
+    assert_eq!(missing_in(got.last()), []);
+}
+
+#[test]
+fn chunks_of_a_frame_that_is_drawn_already_are_fetched_on() {
+    let mut session = told_of_frame_0(WhenMissing::Box);
+    assert_eq!(missing_in(actions(&mut session).last()), [0, 2]);
+    // While it is drawn, a blob comes damaged.
+    session.handle_blob(ChunkHash::of(&[2; 10]), vec![7; 10]);
+    assert_eq!(actions(&mut session), [Action::Fetch(vec![(ChunkHash::of(&[2; 10]), 10)])]);
+    give(&mut session, 0);
+    give(&mut session, 2);
+    assert!(matches!(&actions(&mut session)[..], [Action::Upload { .. }, Action::Upload { .. }]));
+}
+
+fn hash(chunk: u8) -> (ChunkHash, u64) {
+    (ChunkHash::of(&[chunk; 10]), 10)
+}
+
+#[test]
+fn what_no_frame_needs_is_fetched_when_the_newest_lacks_nothing() {
+    let mut session = open_with(WhenMissing::Box, u64::MAX);
+    session.handle_message(frame(0, None, &[(2, 3)]));
+    assert!(matches!(&actions(&mut session)[..], [Action::Fetch(blobs), Action::Draw(_)] if *blobs == [hash(2)]));
+    session.drawn(0, DrawStats::default());
+    give(&mut session, 2);
+    actions(&mut session);
+    // The eye is at 2.5, leaf 1 from 1 to 2.
+    session.handle_message(frame(1, None, &[(2, 3)]));
+    assert!(matches!(&actions(&mut session)[..], [Action::Fetch(blobs), Action::Draw(_)] if *blobs == [hash(1), hash(0)]));
+    // What is on its way is not asked for again, now that it is needed, and is missing till it is there.
+    session.drawn(1, DrawStats::default());
+    session.handle_message(frame(2, None, &[(0, 3)]));
+    let got = actions(&mut session);
+    assert_eq!(missing_in(got.last()), [0, 1]);
+    assert_eq!(got.len(), 2, "ready and drawn: {got:?}");
+    give(&mut session, 1);
+    give(&mut session, 0);
+    assert!(matches!(&actions(&mut session)[..], [Action::Upload { .. }, Action::Upload { .. }]));
+    session.drawn(2, DrawStats::default());
+    session.handle_message(frame(3, None, &[]));
+    assert!(matches!(&actions(&mut session)[..], [Action::Send(_), Action::Draw(_)]), "all is there");
+}
+
+#[test]
+fn a_blob_fetched_ahead_may_come_damaged_or_never() {
+    let mut session = open_with(WhenMissing::Box, u64::MAX);
+    session.handle_message(frame(0, None, &[]));
+    let Some(Action::Fetch(blobs)) = session.poll_action() else { panic!("all is fetched ahead") };
+    assert_eq!(blobs, [hash(2), hash(1), hash(0)]);
+    actions(&mut session);
+    session.drawn(0, DrawStats::default());
+    session.handle_blob(hash(1).0, vec![7; 10]);
+    assert!(actions(&mut session).contains(&Action::Fetch(vec![hash(1)])));
+    give(&mut session, 2);
+    session.disconnected();
+    actions(&mut session);
+    session.connected();
+    session.handle_message(welcome());
+    session.handle_message(manifest());
+    session.handle_message(frame(0, None, &[]));
+    assert!(matches!(&actions(&mut session)[..], [Action::Fetch(blobs), Action::Draw(_)] if *blobs == [hash(1), hash(0)]));
 }

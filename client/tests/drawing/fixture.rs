@@ -7,6 +7,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use image::RgbaImage;
 use mullion_client::frame::{FrameInput, FramePlan, Planner, ViewInput};
 use mullion_client::gpu::{Attachments, Gpu, GpuOptions, Renderer, ViewTarget};
+use mullion_client::missing::WhenMissing;
 use mullion_common::geometry::{Containment, Frustum, Obb};
 use mullion_common::scene::{
     AlphaMode, ChunkHash, ChunkId, ChunkKind, ChunkRecord, Filter, GeometryChunk, LeafRecord, Material, MaterialId, ObjectId,
@@ -264,7 +265,18 @@ pub fn renderer(gpu: &Arc<Gpu>, scene: &Scene, size_px: [u32; 2]) -> Renderer {
 
 /// Draws one view.
 pub fn draw(renderer: &mut Renderer, scene: &Scene, look: &Look, visible: &VisibleSet) -> Picture {
-    let views = [ViewInput { view: ViewId(4), projection: look.projection(), visible }];
+    draw_without(renderer, scene, look, visible, (WhenMissing::Hold, &VisibleSet::default()))
+}
+
+/// Draws one view, some of whose leaves are missing.
+pub fn draw_without(
+    renderer: &mut Renderer,
+    scene: &Scene,
+    look: &Look,
+    visible: &VisibleSet,
+    (when_missing, missing): (WhenMissing, &VisibleSet),
+) -> Picture {
+    let views = [ViewInput { view: ViewId(4), projection: look.projection(), visible, missing }];
     let mut planner = Planner::new();
     let plan = planner
         .begin(FrameInput {
@@ -273,6 +285,7 @@ pub fn draw(renderer: &mut Renderer, scene: &Scene, look: &Look, visible: &Visib
             manifest: &scene.manifest,
             transforms: renderer.transforms(),
             resident: &|chunk| renderer.is_resident(chunk),
+            when_missing,
         })
         .clone();
     let results = renderer.draw(&plan).expect("drawn");

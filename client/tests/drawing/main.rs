@@ -1,5 +1,6 @@
 //! Drawing on whatever GPU there is, software included. Without one these tests say so and pass.
 
+mod boxes;
 mod chunks;
 mod culling;
 mod fixture;
