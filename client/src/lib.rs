@@ -17,3 +17,4 @@ pub mod output;
 pub mod protocol_node;
 pub mod residency;
 pub mod tile_session;
+mod transport;

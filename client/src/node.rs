@@ -12,15 +12,14 @@ use mullion_common::wire::{
 };
 use thiserror::Error;
 use tokio::io::AsyncWriteExt;
-use tokio::net::TcpStream;
-use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::timeout;
 
-use crate::connection::{End, connect, framed, keep_connected, stopped, write_message};
+use crate::connection::{End, framed, keep_connected, stopped, write_message};
 use crate::disk_cache::DiskCache;
 use crate::master_clock::{MasterClock, PING_EVERY};
 use crate::tile_session::{Action, Assembly, DrawStats, EndedBy, FrameToDraw, PieceError, TileSession};
+use crate::transport::{Reader, Stream, Writer, connect};
 
 /// Messages and blobs that may wait for the painter. Blobs are bounded by what the session asks for at once.
 const MAX_EVENTS: usize = 64;
@@ -330,8 +329,8 @@ impl Network {
     }
 
     /// One control connection and its chunk connection, until either ends.
-    async fn converse(&self, stream: TcpStream) -> End {
-        let (reader, mut writer) = stream.into_split();
+    async fn converse(&self, stream: Stream) -> End {
+        let Stream { reader, mut writer } = stream;
         let mut buffer = Vec::new();
         if let Err(error) = write_message(&mut writer, &mut buffer, |out| self.hello.encode(out)).await {
             return End::Lost(error.to_string());
@@ -349,7 +348,7 @@ impl Network {
         }
     }
 
-    async fn read_control(&self, reader: OwnedReadHalf, welcome: oneshot::Sender<u64>) -> End {
+    async fn read_control(&self, reader: Reader, welcome: oneshot::Sender<u64>) -> End {
         let mut welcome = Some(welcome);
         let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
         loop {
@@ -379,7 +378,7 @@ impl Network {
         }
     }
 
-    async fn write_control(&self, mut writer: OwnedWriteHalf, mut unsent: mpsc::Receiver<ToMaster>) -> End {
+    async fn write_control(&self, mut writer: Writer, mut unsent: mpsc::Receiver<ToMaster>) -> End {
         let mut buffer = Vec::new();
         let mut beat = tokio::time::interval(ALIVE_EVERY);
         let mut ask = tokio::time::interval(PING_EVERY);
@@ -404,8 +403,8 @@ impl Network {
 
     async fn fetch_chunks(&self, session: oneshot::Receiver<u64>, wanted: mpsc::Receiver<Wanted>) -> End {
         let Ok(session) = session.await else { return std::future::pending().await };
-        let (reader, mut writer) = match connect(&self.options.master).await {
-            Ok(stream) => stream.into_split(),
+        let Stream { reader, mut writer } = match connect(&self.options.master).await {
+            Ok(stream) => stream,
             Err(error) => return End::Lost(format!("chunk connection: {error}")),
         };
         let mut buffer = Vec::new();
@@ -420,7 +419,7 @@ impl Network {
         }
     }
 
-    async fn read_chunks(&self, reader: OwnedReadHalf, assembly: &Mutex<Assembly>) -> End {
+    async fn read_chunks(&self, reader: Reader, assembly: &Mutex<Assembly>) -> End {
         let mut bodies = framed(reader, MAX_CHUNK_REPLY_BYTES);
         loop {
             let body = match bodies.next().await {
@@ -458,12 +457,7 @@ impl Network {
         }
     }
 
-    async fn write_wants(
-        &self,
-        mut writer: OwnedWriteHalf,
-        mut wanted: mpsc::Receiver<Wanted>,
-        assembly: &Mutex<Assembly>,
-    ) -> End {
+    async fn write_wants(&self, mut writer: Writer, mut wanted: mpsc::Receiver<Wanted>, assembly: &Mutex<Assembly>) -> End {
         let mut buffer = Vec::new();
         while let Some(mut blobs) = wanted.recv().await {
             if let Some(cache) = &self.options.cache {

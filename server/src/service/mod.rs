@@ -7,6 +7,7 @@ mod blobs;
 mod connection;
 mod mailbox;
 mod pose;
+mod transport;
 
 use std::collections::BTreeMap;
 use std::collections::hash_map::RandomState;
@@ -348,7 +349,8 @@ impl Service {
         self.links.insert(peer, Link { address, mailbox: Arc::clone(&mailbox), role: None, node: None });
         let (events, blobs, chunk_bytes) = (self.events.clone(), Arc::clone(&self.blobs), Arc::clone(&self.chunk_bytes));
         let write_ns = Arc::clone(&self.write_ns);
-        self.tasks.spawn(Connection { peer, mailbox, events, blobs, chunk_bytes, write_ns }.run(stream));
+        let (reader, writer) = transport::plain(stream);
+        self.tasks.spawn(Connection { peer, mailbox, events, blobs, chunk_bytes, write_ns }.run(reader, writer));
         self.master.handle_connected(peer, self.now());
     }
 
