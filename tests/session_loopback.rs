@@ -15,7 +15,9 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_client::disk_cache::DiskCache;
-use mullion_client::node::{DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, run};
+use mullion_client::node::{
+    DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, Security, run,
+};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
 use mullion_common::wire::{ByeCode, Hello, LENGTH_BYTES, Moved, Opening, PROTOCOL_VERSION, ToTile, ViewSpec};
@@ -90,6 +92,7 @@ fn options(address: SocketAddr, node: &str) -> NodeOptions {
         master: address.to_string(),
         node: node.into(),
         credentials: None,
+        security: Security::Plain,
         memory_bytes: DEFAULT_MEMORY_BYTES,
         cache: None,
         reconnect,

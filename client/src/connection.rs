@@ -10,7 +10,7 @@ use tokio::time::timeout;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 use crate::node::{NodeError, NodeOptions};
-use crate::transport::{Stream, Writer, connect};
+use crate::transport::{Stream, Writer, connect, describe};
 
 /// A connection that lasted so long was a good one: the next attempt comes soon.
 const GOOD_CONNECTION: Duration = Duration::from_secs(5);
@@ -71,7 +71,7 @@ pub(crate) async fn keep_connected(
     let mut complaint = Complaint::default();
     loop {
         let mut was_good = false;
-        let end = match connect(&options.master).await {
+        let end = match connect(options).await {
             Ok(stream) => {
                 let started = Instant::now();
                 let end = converse(stream).await;
@@ -79,7 +79,7 @@ pub(crate) async fn keep_connected(
                 without = Instant::now();
                 end
             }
-            Err(error) => End::Lost(error.to_string()),
+            Err(error) => End::Lost(describe(&error)),
         };
         let last = match end {
             End::NobodyThere => return Ok(()),

@@ -19,7 +19,7 @@ use crate::connection::{End, framed, keep_connected, stopped, write_message};
 use crate::disk_cache::DiskCache;
 use crate::master_clock::{MasterClock, PING_EVERY};
 use crate::tile_session::{Action, Assembly, DrawStats, EndedBy, FrameToDraw, PieceError, TileSession};
-use crate::transport::{Reader, Stream, Writer, connect};
+use crate::transport::{Reader, Stream, Writer, connect, describe};
 
 /// Messages and blobs that may wait for the painter. Blobs are bounded by what the session asks for at once.
 const MAX_EVENTS: usize = 64;
@@ -72,12 +72,15 @@ pub enum PaintError {
 }
 
 pub use crate::connection::Reconnect;
+pub use crate::transport::{NodeTls, Security, SecurityError};
 
 /// Which node to be, and of which master.
 #[derive(Clone, Debug)]
 pub struct NodeOptions {
     /// Host and port.
     pub master: String,
+    /// How connections are secured.
+    pub security: Security,
     /// Its name in the wall.
     pub node: String,
     /// What proves it.
@@ -354,7 +357,7 @@ impl Network {
         loop {
             let body = match timeout(SILENCE_LIMIT, bodies.next()).await {
                 Ok(Some(Ok(body))) => body,
-                Ok(Some(Err(error))) => return End::Lost(error.to_string()),
+                Ok(Some(Err(error))) => return End::Lost(describe(&error)),
                 Ok(None) => return End::Lost("the master closed the connection".into()),
                 Err(_) => return End::Lost(format!("the master was silent for {} s", SILENCE_LIMIT.as_secs())),
             };
@@ -403,9 +406,9 @@ impl Network {
 
     async fn fetch_chunks(&self, session: oneshot::Receiver<u64>, wanted: mpsc::Receiver<Wanted>) -> End {
         let Ok(session) = session.await else { return std::future::pending().await };
-        let Stream { reader, mut writer } = match connect(&self.options.master).await {
+        let Stream { reader, mut writer } = match connect(&self.options).await {
             Ok(stream) => stream,
-            Err(error) => return End::Lost(format!("chunk connection: {error}")),
+            Err(error) => return End::Lost(format!("chunk connection: {}", describe(&error))),
         };
         let mut buffer = Vec::new();
         let hello = Opening::Chunks(ChunkHello { session });
@@ -424,7 +427,7 @@ impl Network {
         loop {
             let body = match bodies.next().await {
                 Some(Ok(body)) => body,
-                Some(Err(error)) => return End::Lost(format!("chunk connection: {error}")),
+                Some(Err(error)) => return End::Lost(format!("chunk connection: {}", describe(&error))),
                 None => return End::Lost("the master closed the chunk connection".into()),
             };
             let mut to_keep = None;

@@ -12,7 +12,7 @@ use crate::connection::{End, framed, keep_connected, stopped, write_message};
 use crate::master_clock::{MasterClock, PING_EVERY};
 use crate::node::{NodeError, NodeOptions};
 use crate::tile_session::{Action, DrawStats, EndedBy, TileSession};
-use crate::transport::{Stream, Writer};
+use crate::transport::{Stream, Writer, describe};
 
 /// What such a node did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -70,7 +70,7 @@ impl Node {
         let Stream { reader, mut writer } = stream;
         let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
         let mut buffer = Vec::new();
-        let lost = |error: std::io::Error| End::Lost(error.to_string());
+        let lost = |error: std::io::Error| End::Lost(describe(&error));
         let hello = Opening::Control(self.session.hello());
         write_message(&mut writer, &mut buffer, |out| hello.encode(out)).await.map_err(lost)?;
         let mut beat = tokio::time::interval(ALIVE_EVERY);

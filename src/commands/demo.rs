@@ -11,7 +11,7 @@ use anyhow::{Context, Result, anyhow};
 use image::RgbaImage;
 use mullion_client::gpu::{Gpu, GpuOptions, TileRect};
 use mullion_client::gpu_painter::{GpuPainter, Output};
-use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, Reconnect};
+use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, Reconnect, Security};
 use mullion_client::output::headless::write_png;
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 use mullion_common::camera_path::CameraPath;
@@ -213,6 +213,7 @@ fn start_node(
         master,
         node: name,
         credentials: None,
+        security: Security::Plain,
         memory_bytes: DEFAULT_MEMORY_BYTES,
         cache: None,
         reconnect,

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use anyhow::{Result, anyhow};
-use mullion_client::node::{NodeOptions, Reconnect};
+use mullion_client::node::{NodeOptions, Reconnect, Security};
 use mullion_client::protocol_node::{self, ProtocolReport};
 use serde::{Deserialize, Serialize};
 use tokio::task::LocalSet;
@@ -67,6 +67,7 @@ pub fn run(options: &Options) -> Result<()> {
                 master: options.master.clone(),
                 node: name.clone(),
                 credentials: None,
+                security: Security::Plain,
                 memory_bytes: 0,
                 cache: None,
                 reconnect,

@@ -8,11 +8,12 @@ use anyhow::{Context, Result, anyhow, ensure};
 use mullion_client::disk_cache::DiskCache;
 use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
-use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, Reconnect};
+use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, NodeTls, Reconnect, Security};
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 use tokio::sync::watch;
 
 use super::serve::DEFAULT_PORT;
+use crate::files::open_identity;
 use crate::say::say;
 use crate::show::stop_on_interrupt;
 
@@ -24,6 +25,9 @@ pub struct Options {
     /// Host and port of the master; the port may be left out.
     #[arg(long, value_name = "HOST[:PORT]", default_value = "127.0.0.1")]
     master: String,
+    /// The nodes/NAME.pem that `mullion enroll` wrote for this node: speak TLS, and only with the master of that wall.
+    #[arg(long, value_name = "FILE")]
+    identity: Option<PathBuf>,
     /// Show no window; write each tile's picture into this folder when the show ends.
     #[arg(long, value_name = "DIR", conflicts_with = "fullscreen")]
     headless: Option<PathBuf>,
@@ -52,6 +56,13 @@ pub struct Options {
 const DEFAULT_CACHE_MIB: u64 = 8 << 10;
 
 impl Options {
+    /// How connections are secured.
+    fn security(&self) -> Result<Security> {
+        let Some(path) = &self.identity else { return Ok(Security::Plain) };
+        let identity = open_identity(path).context("--identity")?;
+        Ok(Security::Tls(NodeTls::new(identity).map_err(|e| anyhow!("--identity: {}: {e}", path.display()))?))
+    }
+
     /// The cache that was asked for. That of the user is used where it can be; a folder that was named must be usable.
     fn open_cache(&self) -> Result<Option<Arc<DiskCache>>> {
         if self.cache_mib == 0 {
@@ -78,6 +89,7 @@ pub fn run(options: &Options) -> Result<()> {
         master: with_port(&options.master),
         node: options.name.clone(),
         credentials: None,
+        security: options.security()?,
         memory_bytes: options.memory_mib << 20,
         cache: options.open_cache()?,
         reconnect,

@@ -8,6 +8,7 @@
 //! WantFrame(n) → begin_frame(n) → Send(Frame) to every node … Ready(n) … → Send(Swap), FrameReleased(n) → WantFrame(n+1)
 //! ```
 
+mod admission;
 mod history;
 mod outbox;
 
@@ -16,6 +17,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
+use mullion_common::identity::NodeIdentity;
 use mullion_common::scene::ChunkHash;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
@@ -25,6 +27,7 @@ use mullion_common::wire::{
 };
 
 use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, Standing, SwapBarrier};
+pub use admission::Admission;
 use history::History;
 pub use outbox::{Full, Kind, MAX_QUEUED, Message, Outbox};
 
@@ -147,9 +150,13 @@ pub struct FrameReleased {
     pub shown_by: u32,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 enum Peer {
-    Unnamed { deadline: Duration },
+    /// With whom its certificate is for.
+    Unnamed {
+        deadline: Duration,
+        identity: Option<NodeIdentity>,
+    },
     Node(NodeIndex),
     Chunks(NodeIndex),
 }
@@ -188,6 +195,7 @@ enum Phase {
 pub struct Master {
     wall: Arc<Wall>,
     options: MasterOptions,
+    admission: Admission,
     epoch: u32,
     peers: BTreeMap<PeerId, Peer>,
     nodes: Vec<NodeState>,
@@ -219,6 +227,7 @@ impl Master {
             barrier: SwapBarrier::new(nodes.len(), options.barrier.clone()),
             wall,
             options,
+            admission: Admission::default(),
             epoch: 1,
             peers: BTreeMap::new(),
             nodes,
@@ -233,15 +242,28 @@ impl Master {
         }
     }
 
+    /// The same, but choosy.
+    pub fn admitting(mut self, admission: Admission) -> Self {
+        self.admission = admission;
+        self
+    }
+
     /// A connection came in.
     pub fn handle_connected(&mut self, peer: PeerId, now: Duration) {
         let unnamed = self.peers.values().filter(|p| matches!(p, Peer::Unnamed { .. })).count();
-        self.peers.insert(peer, Peer::Unnamed { deadline: now + OPENING_LIMIT });
+        self.peers.insert(peer, Peer::Unnamed { deadline: now + OPENING_LIMIT, identity: None });
         if self.phase == Phase::Over {
             self.dismiss(peer, Bye::new(ByeCode::EndOfShow, "the show is over"));
         } else if unnamed >= MAX_UNNAMED + self.nodes.len() {
             // A wall that is switched on greets from all its nodes at once.
             self.dismiss(peer, Bye::new(ByeCode::TooMany, format!("{unnamed} connections have not said who they are")));
+        }
+    }
+
+    /// A connection has shown a certificate of the wall's authority, for this node.
+    pub fn handle_identity(&mut self, peer: PeerId, shown: NodeIdentity) {
+        if let Some(Peer::Unnamed { identity, .. }) = self.peers.get_mut(&peer) {
+            *identity = Some(shown);
         }
     }
 
@@ -322,7 +344,7 @@ impl Master {
 
     /// Time has passed.
     pub fn handle_timeout(&mut self, now: Duration) {
-        let late = |p: &Peer| matches!(p, Peer::Unnamed { deadline } if *deadline <= now);
+        let late = |p: &Peer| matches!(p, Peer::Unnamed { deadline, .. } if *deadline <= now);
         while let Some(peer) = self.peers.iter().find(|(_, p)| late(p)).map(|(id, _)| *id) {
             let reason = format!("no greeting within {} s", OPENING_LIMIT.as_secs());
             self.dismiss(peer, Bye::new(ByeCode::Timeout, reason));
@@ -343,7 +365,7 @@ impl Master {
     /// When [`Master::handle_timeout`] has something to do.
     pub fn next_timeout(&self) -> Option<Duration> {
         let unnamed = self.peers.values().filter_map(|p| match p {
-            Peer::Unnamed { deadline } => Some(*deadline),
+            Peer::Unnamed { deadline, .. } => Some(*deadline),
             _ => None,
         });
         let connected = self.nodes.iter().filter_map(|n| n.connection.as_ref());
@@ -432,7 +454,19 @@ impl Master {
         }
     }
 
+    /// Whether a connection that has not said who it is may be the node of that name.
+    fn admit(&self, peer: PeerId, name: &str) -> Result<(), Bye> {
+        let identity = match self.peers.get(&peer) {
+            Some(Peer::Unnamed { identity, .. }) => identity.as_ref(),
+            _ => None,
+        };
+        self.admission.check(identity, name, &self.wall)
+    }
+
     fn greet(&mut self, peer: PeerId, hello: &Hello, now: Duration) {
+        if let Err(bye) = self.admit(peer, &hello.node) {
+            return self.dismiss(peer, bye);
+        }
         let Some(index) = self.nodes.iter().position(|n| n.name == hello.node) else {
             let known = self.nodes.iter().take(8).map(|n| n.name.as_str()).collect::<Vec<_>>().join(", ");
             let more = if self.nodes.len() > 8 { " …" } else { "" };
@@ -468,10 +502,14 @@ impl Master {
     }
 
     fn open_chunks(&mut self, peer: PeerId, hello: ChunkHello) {
-        let mut connections = self.nodes.iter_mut().enumerate().filter_map(|(i, n)| Some((i, n.connection.as_mut()?)));
-        let Some((index, connection)) = connections.find(|(_, c)| c.session == hello.session) else {
+        let is_meant = |n: &NodeState| n.connection.as_ref().is_some_and(|c| c.session == hello.session);
+        let Some(index) = self.nodes.iter().position(is_meant) else {
             return self.dismiss(peer, Bye::new(ByeCode::UnknownSession, "no node here has that session number"));
         };
+        if let Err(bye) = self.admit(peer, &self.nodes[index].name) {
+            return self.dismiss(peer, bye);
+        }
+        let Some(connection) = &mut self.nodes[index].connection else { return };
         let old = connection.chunk_peer.replace(peer);
         self.peers.insert(peer, Peer::Chunks(NodeIndex(index as u16)));
         if let Some(old) = old {

@@ -8,19 +8,21 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use futures_util::StreamExt;
+use mullion_common::identity::NodeIdentity;
 use mullion_common::scene::ChunkHash;
 use mullion_common::wire::{
     ALIVE_EVERY, ChunkReply, LENGTH_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_OPENING_BYTES, MAX_TO_MASTER_BYTES, MAX_WANTED, Piece,
     SILENCE_LIMIT, Want, WireError,
 };
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
 use tokio::sync::{Notify, mpsc, oneshot};
 use tokio::time::timeout;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec, LengthDelimitedCodecError};
 
 use super::blobs::Blobs;
 use super::mailbox::Mailbox;
-use super::transport::{Reader, Writer};
+use super::transport::{Admitted, Reader, Security, Writer, admit};
 use crate::master::PeerId;
 
 /// Bytes of a blob sent at a time. The loop that sends frames waits for about one of these per busy chunk connection.
@@ -37,10 +39,32 @@ pub(super) enum Role {
 
 /// From a connection to the master's loop.
 pub(super) enum Event {
-    Opening { peer: PeerId, body: Vec<u8>, role: oneshot::Sender<Role> },
-    Body { peer: PeerId, body: Vec<u8> },
-    Fault { peer: PeerId, error: WireError },
-    Ended { peer: PeerId },
+    /// It has shown a certificate for this node.
+    Identity {
+        peer: PeerId,
+        identity: NodeIdentity,
+    },
+    /// It is closed before it could say anything.
+    NotAdmitted {
+        peer: PeerId,
+        reason: String,
+    },
+    Opening {
+        peer: PeerId,
+        body: Vec<u8>,
+        role: oneshot::Sender<Role>,
+    },
+    Body {
+        peer: PeerId,
+        body: Vec<u8>,
+    },
+    Fault {
+        peer: PeerId,
+        error: WireError,
+    },
+    Ended {
+        peer: PeerId,
+    },
 }
 
 pub(super) struct Connection {
@@ -57,7 +81,22 @@ type Bodies = FramedRead<Reader, LengthDelimitedCodec>;
 
 impl Connection {
     /// Serves the connection until either side ends it.
-    pub async fn run(self, reader: Reader, writer: Writer) {
+    pub async fn run(self, stream: TcpStream, security: Security) {
+        match admit(stream, &security).await {
+            Ok(admitted) => self.converse(admitted).await,
+            Err(reason) => self.tell(Event::NotAdmitted { peer: self.peer, reason }).await,
+        }
+        self.tell(Event::Ended { peer: self.peer }).await;
+    }
+
+    async fn tell(&self, event: Event) {
+        let _ = self.events.send(event).await; // the loop is gone: nobody to tell
+    }
+
+    async fn converse(&self, Admitted { reader, writer, identity }: Admitted) {
+        if let Some(identity) = identity {
+            self.tell(Event::Identity { peer: self.peer, identity }).await;
+        }
         let mut builder = LengthDelimitedCodec::builder();
         let builder = builder.little_endian().length_field_length(LENGTH_BYTES).max_frame_length(MAX_OPENING_BYTES);
         let mut bodies = builder.new_read(reader);
@@ -71,7 +110,6 @@ impl Connection {
             }
             () = self.listen(&mut bodies, &writer) => {}
         }
-        let _ = self.events.send(Event::Ended { peer: self.peer }).await; // the loop is gone: nobody to tell
     }
 
     /// Returns once the mailbox is closed and empty, or the peer does not take what is sent.
