@@ -158,7 +158,7 @@ fn describe(error: &io::Error) -> String {
         Some(E::InvalidCertificate(CertificateError::UnknownIssuer | CertificateError::BadSignature)) => {
             "its certificate is not of this wall's authority".into()
         }
-        Some(E::InvalidCertificate(fault)) => format!("its certificate is refused: {fault:?}"),
+        Some(E::InvalidCertificate(fault)) => format!("its certificate is refused: {fault}"),
         Some(E::AlertReceived(alert)) => format!("it does not take this master's certificate ({alert:?})"),
         Some(E::InvalidMessage(_)) => "it does not speak TLS".into(),
         Some(other) => format!("TLS: {other}"),
