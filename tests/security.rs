@@ -6,7 +6,7 @@ mod session_support;
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -109,6 +109,10 @@ impl Running {
 }
 
 fn play(address: SocketAddr, name: &str, security: Security, frames: u32) -> Result<NodeReport, NodeError> {
+    paint(address, name, security, Guest { left: frames, draws: None })
+}
+
+fn paint(address: SocketAddr, name: &str, security: Security, mut guest: Guest) -> Result<NodeReport, NodeError> {
     let options = NodeOptions {
         master: address.to_string(),
         node: name.into(),
@@ -119,12 +123,14 @@ fn play(address: SocketAddr, name: &str, security: Security, frames: u32) -> Res
         reconnect: Reconnect { give_up_after: Some(Duration::ZERO), ..Reconnect::default() },
         stop: None,
     };
-    node::run(options, &mut Guest { left: frames })
+    node::run(options, &mut guest)
 }
 
 /// Closes after so many frames.
 struct Guest {
     left: u32,
+    /// Is told of the first frame that is drawn: by then the scene has come.
+    draws: Option<mpsc::Sender<()>>,
 }
 
 impl Painter for Guest {
@@ -148,6 +154,7 @@ impl Painter for Guest {
         if self.left == 0 {
             return Err(PaintError::Closed);
         }
+        self.draws.take().into_iter().for_each(|draws| draws.send(()).expect("the test waits for it"));
         Ok(DrawStats { draw_us: 1, leaves: frame.views[0].leaves.len(), triangles: 1 })
     }
 
@@ -255,4 +262,34 @@ fn who_does_not_get_to_the_point_is_closed_in_time_and_nobody_waits() {
         assert!(at < OPENING_LIMIT * 2, "closed after {at:?}");
     }
     assert_eq!(show.end().refused, 4, "all were counted, and once");
+}
+
+#[test]
+fn a_flood_of_silent_connections_is_bounded_and_drowns_nobody() {
+    const FLOOD: usize = 120;
+    let ours = authority();
+    let show = Running::start(of_master(identity(&ours, &Bearer::Master)));
+    let address = show.address;
+    let (draws, is_drawing) = mpsc::channel();
+    let steady = {
+        let security = of_node(identity(&ours, &node("t1x0")));
+        thread::spawn(move || paint(address, "t1x0", security, Guest { left: STEADY_FRAMES, draws: Some(draws) }))
+    };
+    is_drawing.recv_timeout(PATIENCE).expect("it gets in while there is room");
+    let started = Instant::now();
+    let flood: Vec<_> = (0..FLOOD).map(|_| TcpStream::connect(address).expect("it listens")).collect();
+    let ends: Vec<Duration> = flood
+        .into_iter()
+        .map(|stream| {
+            stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
+            (&stream).read_to_end(&mut Vec::new()).expect("the master closes");
+            started.elapsed()
+        })
+        .collect();
+    assert!(ends.iter().all(|at| *at < OPENING_LIMIT * 2), "{ends:?}");
+    let report = steady.join().expect("no panic").expect("it belongs there");
+    assert_eq!(report.connections, 1);
+    let report = show.play("t0x0", of_node(identity(&ours, &node("t0x0"))), 5).expect("there is room again");
+    assert!(report.shown >= 5);
+    assert_eq!(show.end().refused, FLOOD as u64);
 }

@@ -6,8 +6,9 @@
 //!
 //! An identity file is PEM: a bearer's certificate and key, and the certificate of the wall's authority. Each machine needs one such file.
 
+pub use rustls_pki_types::CertificateDer;
+use rustls_pki_types::PrivateKeyDer;
 use rustls_pki_types::pem::PemObject;
-use rustls_pki_types::{CertificateDer, PrivateKeyDer};
 use thiserror::Error;
 use webpki::EndEntityCert;
 
@@ -116,6 +117,14 @@ impl IdentityFile {
         let key = PrivateKeyDer::from_pem_slice(pem).map_err(|_| IdentityError::Incomplete { what: "a private key" })?;
         Ok(Self { bearer: Bearer::of_certificate(&certificate)?, certificate, key, authority })
     }
+}
+
+/// Reads the first certificate of a PEM file.
+///
+/// # Errors
+/// When there is none.
+pub fn parse_certificate(pem: &str) -> Result<CertificateDer<'static>, IdentityError> {
+    CertificateDer::from_pem_slice(pem.as_bytes()).map_err(|error| IdentityError::Certificate(error.to_string()))
 }
 
 /// Why something is no identity.

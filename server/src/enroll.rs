@@ -5,14 +5,12 @@
 
 use std::time::{Duration, SystemTime};
 
-use mullion_common::identity::Bearer;
+use mullion_common::identity::{Bearer, CertificateDer, IdentityError, parse_certificate};
 use mullion_common::scene::ChunkHash;
 use rcgen::{
     BasicConstraints, Certificate, CertificateParams, CertifiedIssuer, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa,
     Issuer, KeyPair, KeyUsagePurpose, PublicKeyData, SanType, date_time_ymd,
 };
-use rustls::pki_types::CertificateDer;
-use rustls::pki_types::pem::PemObject;
 use thiserror::Error;
 
 /// How long a certificate is valid. A wall outlives its installers; who is to be shut out is taken off the wall file.
@@ -46,7 +44,7 @@ impl Authority {
     /// When one is not what it should be, or they do not belong together.
     pub fn read(certificate_pem: &str, key_pem: &str) -> Result<Self, EnrollError> {
         let key = KeyPair::from_pem(key_pem)?;
-        let certificate = CertificateDer::from_pem_slice(certificate_pem.as_bytes()).map_err(|_| EnrollError::NoCertificate)?;
+        let certificate = parse_certificate(certificate_pem)?;
         let public = key.der_bytes();
         if !certificate.windows(public.len()).any(|part| part == public) {
             return Err(EnrollError::OtherKey);
@@ -117,8 +115,8 @@ fn parameters(name: &str, now: SystemTime) -> CertificateParams {
 #[derive(Debug, Error)]
 #[allow(missing_docs)]
 pub enum EnrollError {
-    #[error("the authority's file holds no certificate")]
-    NoCertificate,
+    #[error("{0}")]
+    NoCertificate(#[from] IdentityError),
     #[error("the authority's certificate and its key do not belong together")]
     OtherKey,
     #[error("cannot make a certificate: {0}")]

@@ -66,7 +66,7 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let count = |wanted: Fate| plan.iter().filter(|planned| planned.fate == wanted).count();
     let (new, replaced, kept) = (count(Fate::New), count(Fate::Replaced), count(Fate::Kept));
-    say!("{new} certificates made, {replaced} replaced, {kept} kept in {}", folder.display());
+    say!("certificates in {}: {new} made, {replaced} replaced, {kept} kept", folder.display());
     for planned in plan.iter().filter(|planned| planned.fate == Fate::Replaced && !options.force) {
         say!("copy {} to its node again: its tiles have changed", planned.path.display());
     }
