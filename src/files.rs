@@ -5,6 +5,7 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow};
+use mullion_common::identity::{IdentityFile, MAX_IDENTITY_BYTES};
 use mullion_common::scene::Package;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_server::generate::{GenerateError, GeneratedScene, write_glb};
@@ -60,6 +61,13 @@ pub fn open_wall(path: &Path) -> Result<Wall> {
     let bytes = bounded::read(path, MAX_WALL_BYTES).with_context(|| shown.to_string())?;
     let text = String::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is no text: a wall file is TOML in UTF-8"))?;
     WallConfig::parse(&text).map_err(|error| anyhow!("{shown}: {error}"))
+}
+
+/// Reads the certificate, key and authority of a master or a node.
+pub fn open_identity(path: &Path) -> Result<IdentityFile> {
+    let shown = path.display();
+    let bytes = bounded::read(path, MAX_IDENTITY_BYTES).with_context(|| shown.to_string())?;
+    IdentityFile::parse(&bytes).map_err(|error| anyhow!("{shown}: {error}"))
 }
 
 /// Whether a user named standard output.

@@ -34,6 +34,8 @@ enum Command {
     Serve(commands::serve::Options),
     /// Be one node of a wall: draw its tiles.
     Tile(commands::tile::Options),
+    /// Make certificates for a wall: one for its master, and one for each node.
+    Enroll(commands::enroll::Options),
     /// Write one of the papers' scenes as a GLB file.
     Generate(commands::generate::Options),
     /// Turn a glTF or GLB scene into a package.
@@ -81,6 +83,7 @@ fn main() -> ExitCode {
         Command::Demo(options) => commands::demo::run(&options),
         Command::Serve(options) => commands::serve::run(&options),
         Command::Tile(options) => commands::tile::run(&options),
+        Command::Enroll(options) => commands::enroll::run(&options),
         Command::Generate(options) => commands::generate::run(&options),
         Command::Prepare(options) => commands::prepare::run(&options),
         Command::Info(options) => commands::info::run(&options),

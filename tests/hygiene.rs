@@ -9,13 +9,19 @@ const MAX_MAP_LINES: usize = 200;
 const MAX_FILE_LINES: usize = 700;
 
 /// Where each outside crate may be named; everywhere else it must not be.
-const HOMES: [(&str, &str); 5] = [
+const HOMES: [(&str, &str); 7] = [
     ("bincode", "common/src/wire"),
     ("wgpu", "client/src/gpu"),
     ("obvhs", "server/src/tree/regroup.rs"),
     ("winit", "client/src/output"),
     ("plotters", "src/plot.rs"),
+    ("rcgen", "server/src/enroll.rs"),
+    ("webpki", "common/src/identity.rs"),
 ];
+
+/// TLS is where connections are opened, on either side, and nowhere else.
+const TLS: [&str; 2] = ["rustls", "tokio_rustls"];
+const TLS_HOMES: [&str; 2] = ["server/src/service/transport.rs", "client/src/transport.rs"];
 
 /// No runtime in here: cores without sockets and clocks.
 const WITHOUT_TOKIO: [&str; 4] = ["common", "server/src/master", "server/src/swap_barrier.rs", "client/src/tile_session"];
@@ -73,6 +79,12 @@ fn one_place_names_each_outside_crate() {
         assert!(at_home.iter().any(|path| !lines_naming(name, path).is_empty()), "{home} does not name {name} any more");
         let strangers: Vec<String> = elsewhere.iter().flat_map(|path| lines_naming(name, path)).collect();
         assert!(strangers.is_empty(), "{name} is for {home} alone:\n{}", strangers.join("\n"));
+    }
+    for name in TLS {
+        let elsewhere = sources.iter().filter(|path| !TLS_HOMES.iter().any(|home| path.ends_with(home)));
+        let strangers: Vec<String> = elsewhere.flat_map(|path| lines_naming(name, path)).collect();
+        assert!(strangers.is_empty(), "{name} is for {TLS_HOMES:?} alone:\n{}", strangers.join("\n"));
+        assert!(TLS_HOMES.iter().all(|home| !lines_naming(name, Path::new(home)).is_empty()), "{TLS_HOMES:?}: {name} is gone");
     }
 }
 

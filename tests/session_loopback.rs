@@ -16,7 +16,9 @@ use std::time::Duration;
 use glam::{DAffine3, DVec3};
 use mullion_client::disk_cache::DiskCache;
 use mullion_client::missing::WhenMissing;
-use mullion_client::node::{DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, run};
+use mullion_client::node::{
+    DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, Security, run,
+};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
 use mullion_common::visible_set::VisibleSet;
@@ -99,6 +101,7 @@ fn options(address: SocketAddr, node: &str) -> NodeOptions {
         part: Part::Own,
         node: node.into(),
         credentials: None,
+        security: Security::Plain,
         memory_bytes: DEFAULT_MEMORY_BYTES,
         when_missing: WhenMissing::Hold,
         cache: None,

@@ -11,7 +11,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use mullion_client::missing::WhenMissing;
-use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect};
+use mullion_client::node::{
+    self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, Security,
+};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, SceneManifest};
 use mullion_common::wire::{Moved, Part, ViewSpec};
@@ -76,6 +78,7 @@ impl Node {
             node: name.to_owned(),
             part,
             credentials: None,
+            security: Security::Plain,
             memory_bytes: DEFAULT_MEMORY_BYTES,
             when_missing: WhenMissing::Hold,
             cache: None,

@@ -3,15 +3,14 @@
 use std::io;
 use std::time::{Duration, Instant};
 
-use mullion_common::wire::{Bye, ByeCode, LENGTH_BYTES, OPENING_LIMIT, SILENCE_LIMIT, WireError};
+use mullion_common::wire::{Bye, ByeCode, LENGTH_BYTES, SILENCE_LIMIT, WireError};
 use tokio::io::{AsyncRead, AsyncWriteExt};
-use tokio::net::TcpStream;
-use tokio::net::tcp::OwnedWriteHalf;
 use tokio::sync::watch;
 use tokio::time::timeout;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 use crate::node::{NodeError, NodeOptions};
+use crate::transport::{Stream, Writer, connect, describe};
 
 /// A connection that lasted so long was a good one: the next attempt comes soon.
 const GOOD_CONNECTION: Duration = Duration::from_secs(5);
@@ -64,7 +63,7 @@ pub(crate) enum End {
 pub(crate) async fn keep_connected(
     options: &NodeOptions,
     nobody_there: impl AsyncFn(),
-    converse: impl AsyncFn(TcpStream, &str) -> End,
+    converse: impl AsyncFn(Stream, &str) -> End,
 ) -> Result<(), NodeError> {
     let Reconnect { first, longest, give_up_after } = options.reconnect;
     let mut pause = first;
@@ -74,7 +73,7 @@ pub(crate) async fn keep_connected(
     loop {
         let master = options.masters.get(turn).map_or("", String::as_str);
         let mut was_good = false;
-        let end = match connect(master, options.patience().min(OPENING_LIMIT)).await {
+        let end = match connect(master, options).await {
             Ok(stream) => {
                 let started = Instant::now();
                 let end = converse(stream, master).await;
@@ -82,7 +81,7 @@ pub(crate) async fn keep_connected(
                 without = Instant::now();
                 end
             }
-            Err(error) => End::Lost(error.to_string()),
+            Err(error) => End::Lost(describe(&error)),
         };
         let last = match end {
             End::NobodyThere => return Ok(()),
@@ -127,26 +126,23 @@ pub(crate) async fn stopped(stop: Option<watch::Receiver<bool>>) {
     std::future::pending().await
 }
 
-pub(crate) async fn connect(master: &str, limit: Duration) -> io::Result<TcpStream> {
-    let too_slow = || io::Error::new(io::ErrorKind::TimedOut, format!("no answer in {} s", limit.as_secs()));
-    let stream = timeout(limit, TcpStream::connect(master)).await.map_err(|_| too_slow())??;
-    stream.set_nodelay(true)?;
-    Ok(stream)
-}
-
 pub(crate) fn framed<R: AsyncRead>(reader: R, cap: usize) -> FramedRead<R, LengthDelimitedCodec> {
     let mut builder = LengthDelimitedCodec::builder();
     builder.little_endian().length_field_length(LENGTH_BYTES).max_frame_length(cap).new_read(reader)
 }
 
 pub(crate) async fn write_message(
-    writer: &mut OwnedWriteHalf,
+    writer: &mut Writer,
     buffer: &mut Vec<u8>,
     encode: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>,
 ) -> io::Result<()> {
     encode(buffer).map_err(io::Error::other)?;
     let too_slow = || io::Error::new(io::ErrorKind::TimedOut, "the master does not read");
-    timeout(SILENCE_LIMIT, writer.write_all(buffer)).await.map_err(|_| too_slow())?
+    let write = async {
+        writer.write_all(buffer).await?;
+        writer.flush().await // nothing to do for a socket; what enciphers may still hold some of it
+    };
+    timeout(SILENCE_LIMIT, write).await.map_err(|_| too_slow())?
 }
 
 #[cfg(test)]

@@ -20,3 +20,4 @@ pub mod prefetch;
 pub mod protocol_node;
 pub mod residency;
 pub mod tile_session;
+mod transport;

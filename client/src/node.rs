@@ -7,21 +7,20 @@ use std::{io, thread};
 use futures_util::StreamExt;
 use mullion_common::scene::{ChunkHash, ChunkId, SceneManifest};
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved,
-    OPENING_LIMIT, Opening, Part, SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want,
+    ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved, Opening,
+    Part, SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want,
 };
 use thiserror::Error;
 use tokio::io::AsyncWriteExt;
-use tokio::net::TcpStream;
-use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::timeout;
 
-use crate::connection::{End, connect, framed, keep_connected, stopped, write_message};
+use crate::connection::{End, framed, keep_connected, stopped, write_message};
 use crate::disk_cache::DiskCache;
 use crate::master_clock::{MasterClock, PING_EVERY};
 use crate::missing::WhenMissing;
 use crate::tile_session::{Action, Assembly, DrawStats, EndedBy, FrameToDraw, PieceError, TileSession};
+use crate::transport::{Reader, Stream, Writer, connect, describe};
 
 /// Messages and blobs that may wait for the painter. Blobs are bounded by what the session asks for at once.
 const MAX_EVENTS: usize = 64;
@@ -74,12 +73,15 @@ pub enum PaintError {
 }
 
 pub use crate::connection::Reconnect;
+pub use crate::transport::{NodeTls, Security, SecurityError};
 
 /// Which node to be, and of which master.
 #[derive(Clone, Debug)]
 pub struct NodeOptions {
     /// Hosts and ports: the master's, and those of masters that stand by for it. At least one.
     pub masters: Vec<String>,
+    /// How connections are secured.
+    pub security: Security,
     /// Its name in the wall, or a spare's own.
     pub node: String,
     /// Whether it has a place of its own.
@@ -348,8 +350,8 @@ impl Network {
     }
 
     /// One control connection and its chunk connection, until either ends.
-    async fn converse(&self, stream: TcpStream, master: &str) -> End {
-        let (reader, mut writer) = stream.into_split();
+    async fn converse(&self, stream: Stream, master: &str) -> End {
+        let Stream { reader, mut writer } = stream;
         let mut buffer = Vec::new();
         if let Err(error) = write_message(&mut writer, &mut buffer, |out| self.hello.encode(out)).await {
             return End::Lost(error.to_string());
@@ -367,13 +369,13 @@ impl Network {
         }
     }
 
-    async fn read_control(&self, reader: OwnedReadHalf, welcome: oneshot::Sender<u64>) -> End {
+    async fn read_control(&self, reader: Reader, welcome: oneshot::Sender<u64>) -> End {
         let mut welcome = Some(welcome);
         let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
         loop {
             let body = match timeout(self.options.patience(), bodies.next()).await {
                 Ok(Some(Ok(body))) => body,
-                Ok(Some(Err(error))) => return End::Lost(error.to_string()),
+                Ok(Some(Err(error))) => return End::Lost(describe(&error)),
                 Ok(None) => return End::Lost("the master closed the connection".into()),
                 Err(_) => return End::Lost(format!("the master was silent for {} s", self.options.patience().as_secs())),
             };
@@ -397,7 +399,7 @@ impl Network {
         }
     }
 
-    async fn write_control(&self, mut writer: OwnedWriteHalf, mut unsent: mpsc::Receiver<ToMaster>) -> End {
+    async fn write_control(&self, mut writer: Writer, mut unsent: mpsc::Receiver<ToMaster>) -> End {
         let mut buffer = Vec::new();
         let mut beat = tokio::time::interval(ALIVE_EVERY);
         let mut ask = tokio::time::interval(PING_EVERY);
@@ -422,9 +424,9 @@ impl Network {
 
     async fn fetch_chunks(&self, master: &str, session: oneshot::Receiver<u64>, wanted: mpsc::Receiver<Wanted>) -> End {
         let Ok(session) = session.await else { return std::future::pending().await };
-        let (reader, mut writer) = match connect(master, OPENING_LIMIT).await {
-            Ok(stream) => stream.into_split(),
-            Err(error) => return End::Lost(format!("chunk connection: {error}")),
+        let Stream { reader, mut writer } = match connect(master, &self.options).await {
+            Ok(stream) => stream,
+            Err(error) => return End::Lost(format!("chunk connection: {}", describe(&error))),
         };
         let mut buffer = Vec::new();
         let hello = Opening::Chunks(ChunkHello { session });
@@ -438,12 +440,12 @@ impl Network {
         }
     }
 
-    async fn read_chunks(&self, reader: OwnedReadHalf, assembly: &Mutex<Assembly>) -> End {
+    async fn read_chunks(&self, reader: Reader, assembly: &Mutex<Assembly>) -> End {
         let mut bodies = framed(reader, MAX_CHUNK_REPLY_BYTES);
         loop {
             let body = match bodies.next().await {
                 Some(Ok(body)) => body,
-                Some(Err(error)) => return End::Lost(format!("chunk connection: {error}")),
+                Some(Err(error)) => return End::Lost(format!("chunk connection: {}", describe(&error))),
                 None => return End::Lost("the master closed the chunk connection".into()),
             };
             let mut to_keep = None;
@@ -476,12 +478,7 @@ impl Network {
         }
     }
 
-    async fn write_wants(
-        &self,
-        mut writer: OwnedWriteHalf,
-        mut wanted: mpsc::Receiver<Wanted>,
-        assembly: &Mutex<Assembly>,
-    ) -> End {
+    async fn write_wants(&self, mut writer: Writer, mut wanted: mpsc::Receiver<Wanted>, assembly: &Mutex<Assembly>) -> End {
         let mut buffer = Vec::new();
         while let Some(mut blobs) = wanted.recv().await {
             if let Some(cache) = &self.options.cache {

@@ -5,8 +5,6 @@ use std::time::{Duration, Instant};
 
 use futures_util::StreamExt;
 use mullion_common::wire::{ALIVE_EVERY, MAX_TO_TILE_BYTES, Opening, ToMaster, ToTile};
-use tokio::net::TcpStream;
-use tokio::net::tcp::OwnedWriteHalf;
 use tokio::sync::Mutex;
 use tokio::time::timeout;
 
@@ -14,6 +12,7 @@ use crate::connection::{End, framed, keep_connected, stopped, write_message};
 use crate::master_clock::{MasterClock, PING_EVERY};
 use crate::node::{NodeError, NodeOptions};
 use crate::tile_session::{Action, DrawStats, EndedBy, TileSession};
+use crate::transport::{Stream, Writer, describe};
 
 /// What such a node did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,7 +57,7 @@ struct Node {
 }
 
 impl Node {
-    async fn converse(&mut self, stream: TcpStream) -> End {
+    async fn converse(&mut self, stream: Stream) -> End {
         self.report.connections += 1;
         self.session.connected();
         let end = self.exchange(stream).await.unwrap_or_else(|end| end);
@@ -68,11 +67,11 @@ impl Node {
         end
     }
 
-    async fn exchange(&mut self, stream: TcpStream) -> Result<End, End> {
-        let (reader, mut writer) = stream.into_split();
+    async fn exchange(&mut self, stream: Stream) -> Result<End, End> {
+        let Stream { reader, mut writer } = stream;
         let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
         let mut buffer = Vec::new();
-        let lost = |error: std::io::Error| End::Lost(error.to_string());
+        let lost = |error: std::io::Error| End::Lost(describe(&error));
         let hello = Opening::Control(self.session.hello());
         write_message(&mut writer, &mut buffer, |out| hello.encode(out)).await.map_err(lost)?;
         let mut beat = tokio::time::interval(ALIVE_EVERY);
@@ -111,7 +110,7 @@ impl Node {
     }
 
     /// Does what the session says.
-    async fn act(&mut self, writer: &mut OwnedWriteHalf, buffer: &mut Vec<u8>) -> Result<(), End> {
+    async fn act(&mut self, writer: &mut Writer, buffer: &mut Vec<u8>) -> Result<(), End> {
         while let Some(action) = self.session.poll_action() {
             match action {
                 Action::Send(message) => {

@@ -1,6 +1,7 @@
 //! Mullion's shared core. Pure: no sockets, no clock, no GPU.
 pub mod camera_path;
 pub mod geometry;
+pub mod identity;
 pub mod scene;
 pub mod visible_set;
 pub mod wall;

@@ -1,5 +1,6 @@
 //! Mullion's master. Never links wgpu.
 pub mod cull;
+pub mod enroll;
 pub mod generate;
 pub mod master;
 pub mod metrics;

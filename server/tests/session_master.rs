@@ -5,13 +5,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
+use mullion_common::identity::NodeIdentity;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
     ALIVE_EVERY, ByeCode, ChunkHello, Hello, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, SILENCE_LIMIT, Stats, ToMaster,
     ToTile, body_of,
 };
-use mullion_server::master::{FrameInput, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, TAKEOVER_AFTER};
+use mullion_server::master::{Admission, FrameInput, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, TAKEOVER_AFTER};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 
 const A: PeerId = PeerId(1);
@@ -213,5 +214,75 @@ fn deltas_stand_on_what_is_remembered_only() {
         }
         master.handle_timeout(now + ms(14));
         outputs(&mut master);
+    }
+}
+
+fn identity(name: &str, tiles: &[&str]) -> NodeIdentity {
+    NodeIdentity { name: name.into(), tiles: tiles.iter().map(|tile| (*tile).into()).collect() }
+}
+
+/// The reason of a goodbye with code Refused.
+fn refusal(outputs: &[Output], which: PeerId) -> String {
+    let bye = outputs.iter().find_map(|o| match o {
+        Output::Close { peer, bye } if *peer == which => Some(bye),
+        _ => None,
+    });
+    let bye = bye.unwrap_or_else(|| panic!("it is not refused: {outputs:?}"));
+    assert_eq!(bye.code, ByeCode::Refused, "{bye}");
+    bye.reason.clone()
+}
+
+#[test]
+fn a_choosy_master_takes_a_node_with_its_own_certificate_only() {
+    let mut master = master().admitting(Admission::ByCertificate);
+    let mut peers = (1..).map(PeerId);
+    let mut greet = |master: &mut Master, shown: Option<NodeIdentity>, node: &str| {
+        let peer = peers.next().unwrap();
+        master.handle_connected(peer, ms(0));
+        shown.into_iter().for_each(|shown| master.handle_identity(peer, shown));
+        master.handle_opening(peer, hello(node), ms(0));
+        (peer, outputs(master))
+    };
+    let (peer, out) = greet(&mut master, None, "t0x0");
+    assert!(refusal(&out, peer).contains("certificates only"));
+    let (peer, out) = greet(&mut master, None, "t9x9");
+    assert!(!refusal(&out, peer).contains("t0x0"), "strangers do not learn names");
+    let (peer, out) = greet(&mut master, Some(identity("t1x0", &["t1x0"])), "t0x0");
+    let reason = refusal(&out, peer);
+    assert!(reason.contains("\"t1x0\"") && reason.contains("\"t0x0\""), "{reason}");
+    let (peer, out) = greet(&mut master, Some(identity("t0x0", &["t0x0", "t1x0"])), "t0x0");
+    let reason = refusal(&out, peer);
+    assert!(reason.contains("for tiles t0x0, t1x0, but") && reason.contains("mullion enroll"), "{reason}");
+    let (peer, out) = greet(&mut master, Some(identity("t9x9", &["t9x9"])), "t9x9");
+    assert_eq!(closed(&out, peer), Some(ByeCode::UnknownNode));
+    let (peer, out) = greet(&mut master, Some(identity("t0x0", &["t0x0"])), "t0x0");
+    assert_eq!((closed(&out, peer), master.name_of(peer)), (None, Some("t0x0")));
+    // Too late to become somebody else.
+    master.handle_identity(peer, identity("t1x0", &["t1x0"]));
+    assert_eq!(master.name_of(peer), Some("t0x0"));
+}
+
+#[test]
+fn a_chunk_connection_must_be_of_the_node_whose_session_it_names() {
+    let mut master = master().admitting(Admission::ByCertificate);
+    let [own, others, none] = [PeerId(3), PeerId(4), PeerId(5)];
+    master.handle_connected(A, ms(0));
+    master.handle_identity(A, identity("t0x0", &["t0x0"]));
+    master.handle_opening(A, hello("t0x0"), ms(0));
+    let out = outputs(&mut master);
+    let [ToTile::Welcome(welcome), ..] = &sent(&out, A)[..] else { panic!("{out:?}") };
+    let session = welcome.session;
+    let mut open = |peer, shown: Option<NodeIdentity>| {
+        master.handle_connected(peer, ms(1));
+        shown.into_iter().for_each(|shown| master.handle_identity(peer, shown));
+        master.handle_opening(peer, Opening::Chunks(ChunkHello { session }), ms(1));
+        outputs(&mut master)
+    };
+    assert_eq!(open(own, Some(identity("t0x0", &["t0x0"]))), [Output::ServeChunks { peer: own }]);
+    for (peer, shown) in [(others, Some(identity("t1x0", &["t1x0"]))), (none, None)] {
+        let out = open(peer, shown);
+        refusal(&out, peer);
+        assert_eq!(closed(&out, own), None, "the node keeps its own");
+        assert_eq!(closed(&out, A), None);
     }
 }

@@ -12,7 +12,7 @@ use image::RgbaImage;
 use mullion_client::gpu::{Gpu, GpuOptions, TileRect};
 use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::missing::WhenMissing;
-use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, Reconnect};
+use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, Reconnect, Security};
 use mullion_client::output::headless::write_png;
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 use mullion_common::camera_path::CameraPath;
@@ -216,6 +216,7 @@ fn start_node(
         node: name,
         part: Part::Own,
         credentials: None,
+        security: Security::Plain,
         memory_bytes: DEFAULT_MEMORY_BYTES,
         // Every picture is to be exact.
         when_missing: WhenMissing::Hold,

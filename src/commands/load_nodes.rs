@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::{Result, anyhow};
 use mullion_client::missing::WhenMissing;
-use mullion_client::node::{NodeOptions, Reconnect};
+use mullion_client::node::{NodeOptions, Reconnect, Security};
 use mullion_client::protocol_node::{self, ProtocolReport};
 use mullion_common::wire::Part;
 use serde::{Deserialize, Serialize};
@@ -70,6 +70,7 @@ pub fn run(options: &Options) -> Result<()> {
                 part: Part::Own,
                 node: name.clone(),
                 credentials: None,
+                security: Security::Plain,
                 memory_bytes: 0,
                 when_missing: WhenMissing::Hold,
                 cache: None,

@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod cull;
 pub mod demo;
+pub mod enroll;
 pub mod generate;
 pub mod info;
 pub mod load_nodes;

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use mullion_server::cull::Algorithm;
-use mullion_server::service::{self, FrameReport, NodeEvent, Rate, Show, ShowOptions};
+use mullion_server::service::{self, FrameReport, MasterTls, NodeEvent, Rate, Security, Show, ShowOptions};
 
 use super::prepare::HowToPrepare;
 use crate::address::{DEFAULT_PORT, with_port};
 use crate::camera::PathSource;
-use crate::files::{claim, open_scene, open_wall, write_json};
+use crate::files::{claim, open_identity, open_scene, open_wall, write_json};
 use crate::progress::Progress;
 use crate::say::say;
 use crate::show::{self, Record};
@@ -24,10 +24,16 @@ pub struct Options {
     wall: PathBuf,
     /// Package, glTF or GLB file.
     scene: PathBuf,
-    /// Address to listen on. Whoever reaches it can fetch the scene: leave it on the loopback, or keep the wall on a network
-    /// of its own.
+    /// Address to listen on. One that other machines reach needs --identity or --insecure.
     #[arg(long, value_name = "ADDRESS", default_value_t = SocketAddr::from(([127, 0, 0, 1], DEFAULT_PORT)))]
     listen: SocketAddr,
+    /// The master.pem that `mullion enroll` wrote: take only nodes with certificates of the same authority, over TLS.
+    #[arg(long, value_name = "FILE", conflicts_with = "insecure")]
+    identity: Option<PathBuf>,
+    /// Without certificates, take any node that knows a name of the wall, from other machines, too. Whoever reaches the address can then
+    /// fetch the scene: keep the wall on a network of its own.
+    #[arg(long)]
+    insecure: bool,
     /// End after so many frames; go on until stopped if left out.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
@@ -59,6 +65,25 @@ pub struct Options {
 /// How often the log says how far the show is, where there is no bar.
 const TELL_EVERY: Duration = Duration::from_secs(1);
 
+impl Options {
+    /// How connections are secured; refuses an open door that nobody asked for.
+    fn security(&self) -> Result<Security> {
+        match &self.identity {
+            Some(path) => {
+                let identity = open_identity(path).context("--identity")?;
+                Ok(Security::Tls(MasterTls::new(identity).map_err(|e| anyhow!("--identity: {}: {e}", path.display()))?))
+            }
+            None if self.insecure || self.listen.ip().is_loopback() => Ok(Security::Plain),
+            None => bail!(
+                "--listen: other machines reach {}: make certificates with `mullion enroll {} --out DIR` and name --identity \
+                 DIR/master.pem, or let in anyone with --insecure",
+                self.listen,
+                self.wall.display()
+            ),
+        }
+    }
+}
+
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     let wall = Arc::new(open_wall(&options.wall)?);
@@ -68,20 +93,26 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!((0.0..=86_400.0).contains(&options.wait), "--wait: {} is outside 0 to 86400 s", options.wait);
     let barrier_ms = options.barrier.unwrap_or(1000.0 / rate_hz.clamp(1.0, 1000.0) + 4.0);
     ensure!((0.1..=60_000.0).contains(&barrier_ms), "--barrier: {barrier_ms} is outside 0.1 to 60000 ms");
+    let security = options.security()?;
     options.report.as_deref().map_or(Ok(()), claim)?;
     let package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
     let listener = TcpListener::bind(options.listen).with_context(|| format!("cannot listen on {}", options.listen))?;
     let address = listener.local_addr()?;
-    if !address.ip().is_loopback() {
+    if options.insecure && !address.ip().is_loopback() {
         eprintln!("warning: {address} takes any node that knows a name of the wall: keep it on a network of its own");
     }
     say!("serving {} to wall {} on {address}", options.scene.display(), wall.name());
-    say!("start a tile with:  mullion tile {} --master {address}", wall.nodes()[0].name);
+    let first = &wall.nodes()[0].name;
+    match security {
+        Security::Plain => say!("start a tile with:  mullion tile {first} --master {address}"),
+        Security::Tls(_) => say!("start a tile with:  mullion tile {first} --master {address} --identity {first}.pem"),
+    }
 
     let mut show_options = ShowOptions::for_wall(&wall);
     if options.wait > 0.0 {
         show_options = show_options.starting_together(&wall, Duration::from_secs_f64(options.wait));
     }
+    show_options.security = security;
     show_options.frames = options.frames;
     show_options.standby_of = options.standby_of.as_deref().map(with_port);
     show_options.rate = if rate_hz == 0.0 { Rate::AsFastAsPossible } else { Rate::Hz(rate_hz) };

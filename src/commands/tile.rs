@@ -9,12 +9,13 @@ use mullion_client::disk_cache::DiskCache;
 use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::missing::WhenMissing;
-use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, Reconnect};
+use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, NodeTls, Reconnect, Security};
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 use mullion_common::wire::Part;
 use tokio::sync::watch;
 
 use crate::address::with_port;
+use crate::files::open_identity;
 use crate::say::say;
 use crate::show::stop_on_interrupt;
 
@@ -29,6 +30,9 @@ pub struct Options {
     /// Wait until a node of the wall is missing, and stand in for it until it is back.
     #[arg(long)]
     spare: bool,
+    /// The nodes/NAME.pem that `mullion enroll` wrote for this node: speak TLS, and only with the master of that wall.
+    #[arg(long, value_name = "FILE")]
+    identity: Option<PathBuf>,
     /// Show no window; write each tile's picture into this folder when the show ends.
     #[arg(long, value_name = "DIR", conflicts_with = "fullscreen")]
     headless: Option<PathBuf>,
@@ -60,6 +64,13 @@ pub struct Options {
 const DEFAULT_CACHE_MIB: u64 = 8 << 10;
 
 impl Options {
+    /// How connections are secured.
+    fn security(&self) -> Result<Security> {
+        let Some(path) = &self.identity else { return Ok(Security::Plain) };
+        let identity = open_identity(path).context("--identity")?;
+        Ok(Security::Tls(NodeTls::new(identity).map_err(|e| anyhow!("--identity: {}: {e}", path.display()))?))
+    }
+
     /// The cache that was asked for. That of the user is used where it can be; a folder that was named must be usable.
     fn open_cache(&self) -> Result<Option<Arc<DiskCache>>> {
         if self.cache_mib == 0 {
@@ -87,6 +98,7 @@ pub fn run(options: &Options) -> Result<()> {
         part: if options.spare { Part::Spare } else { Part::Own },
         node: options.name.clone(),
         credentials: None,
+        security: options.security()?,
         memory_bytes: options.memory_mib << 20,
         when_missing: options.missing,
         cache: options.open_cache()?,

@@ -8,6 +8,7 @@
 //! WantFrame(n) → begin_frame(n) → Send(Frame) to every node … Ready(n) … → Send(Swap), FrameReleased(n) → WantFrame(n+1)
 //! ```
 
+mod admission;
 mod history;
 mod outbox;
 mod spares;
@@ -18,6 +19,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
+use mullion_common::identity::NodeIdentity;
 use mullion_common::scene::ChunkHash;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
@@ -27,6 +29,7 @@ use mullion_common::wire::{
 };
 
 use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, Standing, SwapBarrier};
+pub use admission::Admission;
 use history::History;
 pub use outbox::{Full, Kind, MAX_QUEUED, Message, Outbox};
 pub use spares::SPARE_AFTER;
@@ -162,10 +165,12 @@ pub struct FrameReleased {
     pub shown_by: u32,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 enum Peer {
+    /// With whom its certificate is for.
     Unnamed {
         deadline: Duration,
+        identity: Option<NodeIdentity>,
     },
     Node(NodeIndex),
     Chunks(NodeIndex),
@@ -218,6 +223,7 @@ enum Phase {
 pub struct Master {
     wall: Arc<Wall>,
     options: MasterOptions,
+    admission: Admission,
     epoch: u32,
     peers: BTreeMap<PeerId, Peer>,
     nodes: Vec<NodeState>,
@@ -252,6 +258,7 @@ impl Master {
         Self {
             barrier: SwapBarrier::new(nodes.len(), options.barrier.clone()),
             wall,
+            admission: Admission::default(),
             epoch: 1,
             peers: BTreeMap::new(),
             nodes,
@@ -273,7 +280,7 @@ impl Master {
     /// A connection came in.
     pub fn handle_connected(&mut self, peer: PeerId, now: Duration) {
         let unnamed = self.peers.values().filter(|p| matches!(p, Peer::Unnamed { .. })).count();
-        self.peers.insert(peer, Peer::Unnamed { deadline: now + OPENING_LIMIT });
+        self.peers.insert(peer, Peer::Unnamed { deadline: now + OPENING_LIMIT, identity: None });
         if self.phase == Phase::Over {
             self.dismiss(peer, Bye::new(ByeCode::EndOfShow, "the show is over"));
         } else if unnamed >= MAX_UNNAMED + self.nodes.len() {
@@ -371,7 +378,7 @@ impl Master {
 
     /// Time has passed.
     pub fn handle_timeout(&mut self, now: Duration) {
-        let late = |p: &Peer| matches!(p, Peer::Unnamed { deadline } if *deadline <= now);
+        let late = |p: &Peer| matches!(p, Peer::Unnamed { deadline, .. } if *deadline <= now);
         while let Some(peer) = self.peers.iter().find(|(_, p)| late(p)).map(|(id, _)| *id) {
             let reason = format!("no greeting within {} s", OPENING_LIMIT.as_secs());
             self.dismiss(peer, Bye::new(ByeCode::Timeout, reason));
@@ -394,7 +401,7 @@ impl Master {
     /// When [`Master::handle_timeout`] has something to do.
     pub fn next_timeout(&self) -> Option<Duration> {
         let unnamed = self.peers.values().filter_map(|p| match p {
-            Peer::Unnamed { deadline } => Some(*deadline),
+            Peer::Unnamed { deadline, .. } => Some(*deadline),
             _ => None,
         });
         let connected = self.nodes.iter().filter_map(|n| n.connection.as_ref());
@@ -488,6 +495,9 @@ impl Master {
     }
 
     fn greet(&mut self, peer: PeerId, hello: &Hello, now: Duration) {
+        if let Err(bye) = self.admit(peer, &hello.node) {
+            return self.dismiss(peer, bye);
+        }
         let Some(index) = self.nodes.iter().position(|n| n.name == hello.node) else {
             let known = self.nodes.iter().take(8).map(|n| n.name.as_str()).collect::<Vec<_>>().join(", ");
             let more = if self.nodes.len() > 8 { " …" } else { "" };
@@ -506,11 +516,11 @@ impl Master {
             };
             self.dismiss(old_peer, bye);
         }
-        self.admit(peer, NodeIndex(index as u16), Holder::Own, now);
+        self.seat(peer, NodeIndex(index as u16), Holder::Own, now);
     }
 
     /// Gives a node's place to a connection.
-    fn admit(&mut self, peer: PeerId, node: NodeIndex, holder: Holder, now: Duration) {
+    fn seat(&mut self, peer: PeerId, node: NodeIndex, holder: Holder, now: Duration) {
         let index = usize::from(node.0);
         let session = self.new_session();
         self.peers.insert(peer, Peer::Node(node));
@@ -532,10 +542,14 @@ impl Master {
     }
 
     fn open_chunks(&mut self, peer: PeerId, hello: ChunkHello) {
-        let mut connections = self.nodes.iter_mut().enumerate().filter_map(|(i, n)| Some((i, n.connection.as_mut()?)));
-        let Some((index, connection)) = connections.find(|(_, c)| c.session == hello.session) else {
+        let is_meant = |n: &NodeState| n.connection.as_ref().is_some_and(|c| c.session == hello.session);
+        let Some(index) = self.nodes.iter().position(is_meant) else {
             return self.dismiss(peer, Bye::new(ByeCode::UnknownSession, "no node here has that session number"));
         };
+        if let Err(bye) = self.admit(peer, &self.nodes[index].name) {
+            return self.dismiss(peer, bye);
+        }
+        let Some(connection) = &mut self.nodes[index].connection else { return };
         let old = connection.chunk_peer.replace(peer);
         self.peers.insert(peer, Peer::Chunks(NodeIndex(index as u16)));
         if let Some(old) = old {

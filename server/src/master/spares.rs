@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use mullion_common::wire::{ALIVE_EVERY, Bye, ByeCode, Hello, Pong, SILENCE_LIMIT, ToMaster, ToTile};
 
-use super::{Holder, Kind, Master, Message, Output, Peer, PeerId, TAKEOVER_AFTER};
+use super::{Admission, Holder, Kind, Master, Message, Output, Peer, PeerId, TAKEOVER_AFTER};
 use crate::swap_barrier::NodeIndex;
 
 /// How long a node must have been missing before a spare takes its place: one that is started again at once keeps it.
@@ -21,6 +21,10 @@ pub(super) struct Spare {
 
 impl Master {
     pub(super) fn greet_spare(&mut self, peer: PeerId, hello: &Hello, now: Duration) {
+        if self.admission == Admission::ByCertificate {
+            let reason = "this master takes nodes with certificates only, and a spare has none";
+            return self.dismiss(peer, Bye::new(ByeCode::Refused, reason));
+        }
         if self.spares.len() >= self.nodes.len() {
             return self.dismiss(peer, Bye::new(ByeCode::TooMany, "there is a spare for every node already"));
         }
@@ -68,7 +72,7 @@ impl Master {
             }
             let Spare { peer, name, .. } = self.spares.remove(0);
             let node = NodeIndex(index as u16);
-            self.admit(peer, node, Holder::Spare, now);
+            self.seat(peer, node, Holder::Spare, now);
             self.outputs.push_back(Output::StoodIn { node, spare: name });
         }
         for quiet in 0..self.spares.len() {

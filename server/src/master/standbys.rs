@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use mullion_common::wire::{Bye, ByeCode, SILENCE_LIMIT, StandbyHello, ToMaster, ToStandby, WireError};
 
-use super::{Kind, Master, Message, Output, Peer, PeerId};
+use super::{Admission, Kind, Master, Message, Output, Peer, PeerId};
 
 /// Most standbys at once.
 pub const MAX_STANDBYS: usize = 2;
@@ -22,6 +22,10 @@ pub(super) struct Standby {
 
 impl Master {
     pub(super) fn greet_standby(&mut self, peer: PeerId, hello: &StandbyHello, now: Duration) {
+        if self.admission == Admission::ByCertificate {
+            let reason = "this master takes nodes with certificates only, and a standby has none";
+            return self.dismiss(peer, Bye::new(ByeCode::Refused, reason));
+        }
         let refusal = match StandbyHello::of(&self.wall, &self.options.sections) {
             Err(error) => Some((ByeCode::Failed, error.to_string())),
             Ok(own) if own.wall != hello.wall => Some((ByeCode::Refused, "the standby has another wall than its master".into())),

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use futures_util::StreamExt;
+use mullion_common::identity::NodeIdentity;
 use mullion_common::scene::ChunkHash;
 use mullion_common::wire::{
     ALIVE_EVERY, ChunkReply, LENGTH_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_OPENING_BYTES, MAX_TO_MASTER_BYTES, MAX_WANTED, Piece,
@@ -15,13 +16,13 @@ use mullion_common::wire::{
 };
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
-use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::{Notify, mpsc, oneshot};
 use tokio::time::timeout;
-use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
+use tokio_util::codec::{FramedRead, LengthDelimitedCodec, LengthDelimitedCodecError};
 
 use super::blobs::Blobs;
 use super::mailbox::Mailbox;
+use super::transport::{Admitted, Reader, Security, Writer, admit};
 use crate::master::PeerId;
 
 /// Bytes of a blob sent at a time. The loop that sends frames waits for about one of these per busy chunk connection.
@@ -38,10 +39,32 @@ pub(super) enum Role {
 
 /// From a connection to the master's loop.
 pub(super) enum Event {
-    Opening { peer: PeerId, body: Vec<u8>, role: oneshot::Sender<Role> },
-    Body { peer: PeerId, body: Vec<u8> },
-    Fault { peer: PeerId, error: WireError },
-    Ended { peer: PeerId },
+    /// It has shown a certificate for this node.
+    Identity {
+        peer: PeerId,
+        identity: NodeIdentity,
+    },
+    /// It is closed before it could say anything.
+    NotAdmitted {
+        peer: PeerId,
+        reason: String,
+    },
+    Opening {
+        peer: PeerId,
+        body: Vec<u8>,
+        role: oneshot::Sender<Role>,
+    },
+    Body {
+        peer: PeerId,
+        body: Vec<u8>,
+    },
+    Fault {
+        peer: PeerId,
+        error: WireError,
+    },
+    Ended {
+        peer: PeerId,
+    },
 }
 
 pub(super) struct Connection {
@@ -54,12 +77,26 @@ pub(super) struct Connection {
     pub write_ns: Arc<AtomicU64>,
 }
 
-type Bodies = FramedRead<OwnedReadHalf, LengthDelimitedCodec>;
+type Bodies = FramedRead<Reader, LengthDelimitedCodec>;
 
 impl Connection {
     /// Serves the connection until either side ends it.
-    pub async fn run(self, stream: TcpStream) {
-        let (reader, writer) = stream.into_split();
+    pub async fn run(self, stream: TcpStream, security: Security) {
+        match admit(stream, &security).await {
+            Ok(admitted) => self.converse(admitted).await,
+            Err(reason) => self.tell(Event::NotAdmitted { peer: self.peer, reason }).await,
+        }
+        self.tell(Event::Ended { peer: self.peer }).await;
+    }
+
+    async fn tell(&self, event: Event) {
+        let _ = self.events.send(event).await; // the loop is gone: nobody to tell
+    }
+
+    async fn converse(&self, Admitted { reader, writer, identity }: Admitted) {
+        if let Some(identity) = identity {
+            self.tell(Event::Identity { peer: self.peer, identity }).await;
+        }
         let mut builder = LengthDelimitedCodec::builder();
         let builder = builder.little_endian().length_field_length(LENGTH_BYTES).max_frame_length(MAX_OPENING_BYTES);
         let mut bodies = builder.new_read(reader);
@@ -73,11 +110,10 @@ impl Connection {
             }
             () = self.listen(&mut bodies, &writer) => {}
         }
-        let _ = self.events.send(Event::Ended { peer: self.peer }).await; // the loop is gone: nobody to tell
     }
 
     /// Returns once the mailbox is closed and empty, or the peer does not take what is sent.
-    async fn write_mail(&self, writer: &tokio::sync::Mutex<OwnedWriteHalf>) -> io::Result<()> {
+    async fn write_mail(&self, writer: &tokio::sync::Mutex<Writer>) -> io::Result<()> {
         while let Some(message) = self.mailbox.next().await {
             let mut writer = writer.lock().await;
             let before = Instant::now();
@@ -90,7 +126,7 @@ impl Connection {
     }
 
     /// Returns once the peer has ended the connection.
-    async fn listen(&self, bodies: &mut Bodies, writer: &tokio::sync::Mutex<OwnedWriteHalf>) {
+    async fn listen(&self, bodies: &mut Bodies, writer: &tokio::sync::Mutex<Writer>) {
         let Some(body) = self.next_body(bodies, MAX_OPENING_BYTES).await else { return };
         let (role, decided) = oneshot::channel();
         if self.events.send(Event::Opening { peer: self.peer, body, role }).await.is_err() {
@@ -117,7 +153,7 @@ impl Connection {
     async fn next_body(&self, bodies: &mut Bodies, cap: usize) -> Option<Vec<u8>> {
         match bodies.next().await {
             Some(Ok(body)) => Some(body.to_vec()),
-            Some(Err(error)) if error.kind() == io::ErrorKind::InvalidData => {
+            Some(Err(error)) if error.get_ref().is_some_and(|e| e.is::<LengthDelimitedCodecError>()) => {
                 // The codec keeps the length to itself.
                 self.report(WireError::TooLong { cap }).await
             }
@@ -130,7 +166,7 @@ impl Connection {
         std::future::pending().await
     }
 
-    async fn serve_chunks(&self, bodies: &mut Bodies, writer: &tokio::sync::Mutex<OwnedWriteHalf>) {
+    async fn serve_chunks(&self, bodies: &mut Bodies, writer: &tokio::sync::Mutex<Writer>) {
         let wanted = Mutex::new(VecDeque::new());
         let more = Notify::new();
         tokio::select! {
@@ -159,7 +195,7 @@ impl Connection {
 
     async fn write_pieces(
         &self,
-        writer: &tokio::sync::Mutex<OwnedWriteHalf>,
+        writer: &tokio::sync::Mutex<Writer>,
         wanted: &Mutex<VecDeque<ChunkHash>>,
         more: &Notify,
     ) -> io::Result<()> {
@@ -192,12 +228,16 @@ impl Connection {
     }
 }
 
-async fn write_all(writer: &mut OwnedWriteHalf, bytes: &[u8]) -> io::Result<()> {
+async fn write_all(writer: &mut Writer, bytes: &[u8]) -> io::Result<()> {
     let too_slow = || io::Error::new(io::ErrorKind::TimedOut, "the peer does not read");
-    timeout(SILENCE_LIMIT, writer.write_all(bytes)).await.map_err(|_| too_slow())?
+    let write = async {
+        writer.write_all(bytes).await?;
+        writer.flush().await // nothing to do for a socket; what enciphers may still hold some of it
+    };
+    timeout(SILENCE_LIMIT, write).await.map_err(|_| too_slow())?
 }
 
-async fn drain(reader: &mut OwnedReadHalf) {
+async fn drain(reader: &mut Reader) {
     let mut waste = [0; 4096];
     while matches!(reader.read(&mut waste).await, Ok(1..)) {}
 }

@@ -8,6 +8,7 @@ mod connection;
 mod mailbox;
 mod pose;
 mod standby;
+mod transport;
 
 use std::collections::BTreeMap;
 use std::collections::hash_map::RandomState;
@@ -27,13 +28,14 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 
-use crate::master::{FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage};
+use crate::master::{Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage};
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
 use blobs::Blobs;
 use connection::{Connection, Event, Role};
 use mailbox::Mailbox;
 pub use pose::Pose;
 use standby::Inherited;
+pub use transport::{MasterTls, Security, SecurityError};
 
 /// Events that may wait for the master's loop; beyond, connections are not read.
 const MAX_EVENTS: usize = 256;
@@ -52,8 +54,10 @@ pub enum Rate {
 }
 
 /// How a show runs.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct ShowOptions {
+    /// How connections are secured.
+    pub security: Security,
     /// Longest wait for live nodes, from the moment a frame began.
     pub barrier_wait: Duration,
     /// Longest wait of the first frame for the nodes of `start_nodes`.
@@ -72,6 +76,7 @@ impl ShowOptions {
     /// For a wall: its rate, a wait of one frame and a grace, no start gate, no end.
     pub fn for_wall(wall: &Wall) -> Self {
         Self {
+            security: Security::Plain,
             barrier_wait: Duration::from_secs_f64(1.0 / wall.rate_hz()) + BARRIER_GRACE,
             start_wait: Duration::ZERO,
             start_nodes: Vec::new(),
@@ -249,9 +254,13 @@ pub async fn serve(listener: TcpListener, mut show: Show) -> Result<ShowReport, 
         sections,
         session_seed: random_bytes(),
     };
+    let admission = match show.options.security {
+        Security::Plain => Admission::ByName,
+        Security::Tls(_) => Admission::ByCertificate,
+    };
     let (events, inbox) = mpsc::channel(MAX_EVENTS);
     let service = Service {
-        master: Master::new(Arc::clone(&show.wall), options, Duration::ZERO),
+        master: Master::new(Arc::clone(&show.wall), options, Duration::ZERO).admitting(admission),
         started: Instant::now(),
         sets: vec![VisibleSet::default(); show.wall.views().len()],
         max_connections: MAX_UNNAMED + 3 * show.wall.nodes().len(),
@@ -412,7 +421,8 @@ impl Service {
         self.links.insert(peer, Link { address, mailbox: Arc::clone(&mailbox), role: None, node: None });
         let (events, blobs, chunk_bytes) = (self.events.clone(), Arc::clone(&self.blobs), Arc::clone(&self.chunk_bytes));
         let write_ns = Arc::clone(&self.write_ns);
-        self.tasks.spawn(Connection { peer, mailbox, events, blobs, chunk_bytes, write_ns }.run(stream));
+        let connection = Connection { peer, mailbox, events, blobs, chunk_bytes, write_ns };
+        self.tasks.spawn(connection.run(stream, self.show.options.security.clone()));
         self.master.handle_connected(peer, self.now());
     }
 
@@ -433,6 +443,14 @@ impl Service {
                     let node = self.master.name_of(peer).unwrap_or_default().to_owned();
                     link.node = Some(node.clone());
                     (self.show.node_observer)(&NodeEvent::Joined { node, address: link.address });
+                }
+            }
+            Event::Identity { peer, identity } => self.master.handle_identity(peer, identity),
+            Event::NotAdmitted { peer, reason } => {
+                if let Some(link) = self.links.remove(&peer) {
+                    tracing::warn!("{}: closed: {reason}", link.address);
+                    self.report.refused += 1;
+                    self.master.handle_disconnected(peer, now);
                 }
             }
             Event::Body { peer, body } => self.master.handle_body(peer, &body, now),
