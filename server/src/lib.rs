@@ -1,4 +1,5 @@
 //! Mullion's master. Never links wgpu.
+pub mod control;
 pub mod cull;
 pub mod generate;
 pub mod master;

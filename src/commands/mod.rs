@@ -10,5 +10,6 @@ pub mod loadtest;
 pub mod path;
 pub mod prepare;
 pub mod serve;
+pub mod steering;
 pub mod tile;
 pub mod verify;

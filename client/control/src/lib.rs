@@ -1,0 +1,1 @@
+//! Steers a running Mullion wall.
