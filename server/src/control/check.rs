@@ -14,6 +14,7 @@ use crate::tree::Presence;
 
 /// Greatest number in a transform: what a leaf's box becomes with it stays finite.
 const MAX_TRANSFORM: f64 = 1e15;
+const LIMITS: std::ops::RangeInclusive<f64> = -MAX_TRANSFORM..=MAX_TRANSFORM;
 /// Most frames in a step.
 const MAX_STEPS: u32 = 1_000_000;
 
@@ -212,7 +213,7 @@ impl Checker {
         }
         for (observer, eye) in eyes.iter().enumerate() {
             let eye = DVec3::from(*eye);
-            if !(eye.abs().max_element() <= MAX_TRANSFORM) {
+            if !LIMITS.contains(&eye.min_element()) || !LIMITS.contains(&eye.max_element()) || eye.is_nan() {
                 return Err(format!("eyes: observer {observer}: a coordinate is outside ±{MAX_TRANSFORM:e} m"));
             }
             self.wall.check_eye(eye).map_err(|problem| format!("eyes: observer {observer}: {problem}"))?;
@@ -228,7 +229,7 @@ impl Checker {
         self.known(moved.object.0)?;
         let numbers = moved.transform.affine().to_cols_array();
         // A number that is not finite is not within the range, either.
-        match numbers.iter().position(|number| !(number.abs() <= MAX_TRANSFORM)) {
+        match numbers.iter().position(|number| !LIMITS.contains(number)) {
             None => Ok(()),
             Some(at) => {
                 let (object, number) = (moved.object.0, numbers[at]);
