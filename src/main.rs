@@ -31,6 +31,8 @@ enum Command {
     Demo(commands::demo::Options),
     /// Drive a wall: cull, stream and keep the tiles in step.
     Serve(commands::serve::Options),
+    /// Cull a recorded show again, and compare what each view sees.
+    Replay(commands::replay::Options),
     /// Be one node of a wall: draw its tiles.
     Tile(commands::tile::Options),
     /// Write one of the papers' scenes as a GLB file.
@@ -78,6 +80,7 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Demo(options) => commands::demo::run(&options),
         Command::Serve(options) => commands::serve::run(&options),
+        Command::Replay(options) => commands::replay::run(&options),
         Command::Tile(options) => commands::tile::run(&options),
         Command::Generate(options) => commands::generate::run(&options),
         Command::Prepare(options) => commands::prepare::run(&options),

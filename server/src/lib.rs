@@ -4,6 +4,7 @@ pub mod cull;
 pub mod generate;
 pub mod master;
 pub mod prepare;
+pub mod record;
 pub mod service;
 pub mod swap_barrier;
 pub mod tree;

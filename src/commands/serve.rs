@@ -90,7 +90,7 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);
 
     let path = path.path(&package, &wall, options.frames)?;
-    let steered = options.steering.start(path, options.algorithm, &wall, &package)?;
+    let steered = options.steering.start(path, (&options.path, rate_hz), options.algorithm, &wall, &package)?;
     let progress = Arc::new(Progress::new());
     let lines = Arc::clone(&progress);
     let node_observer = move |event: &NodeEvent| match event {

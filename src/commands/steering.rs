@@ -1,6 +1,9 @@
 //! How a show is steered: the control API.
 
+use std::fs::File;
+use std::io::BufWriter;
 use std::net::{SocketAddr, TcpListener};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
@@ -10,6 +13,7 @@ use mullion_common::wall::Wall;
 use mullion_server::control::http::{self, Reach, Server};
 use mullion_server::control::{self, Board, Driver, LiveScene};
 use mullion_server::cull::Algorithm;
+use mullion_server::record::{Header, Recorder};
 use mullion_server::service::{Camera, Cull};
 
 use crate::say::say;
@@ -23,6 +27,9 @@ pub struct Steering {
     /// Let --control be an address that other machines reach. Whoever reaches it steers the wall: keep it on a network of its own.
     #[arg(long, requires = "control")]
     control_from_network: bool,
+    /// Write down all that comes in, for `mullion replay`.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
 }
 
 /// The parts of a show that is steered.
@@ -47,7 +54,14 @@ impl Steering {
     }
 
     /// Starts what listens.
-    pub fn start(&self, path: CameraPath, algorithm: Algorithm, wall: &Arc<Wall>, package: &Arc<Package>) -> Result<Steered> {
+    pub fn start(
+        &self,
+        path: CameraPath,
+        (path_name, rate_hz): (&str, f64),
+        algorithm: Algorithm,
+        wall: &Arc<Wall>,
+        package: &Arc<Package>,
+    ) -> Result<Steered> {
         let (inlet, batches, questions) = control::channel(wall, package);
         let mut driver = Driver::new(Arc::clone(wall), path, batches);
         let board = Arc::new(Board::new(wall, driver.clock()));
@@ -58,9 +72,20 @@ impl Steering {
             say!("steer it at:        http://{}/status", listener.local_addr()?);
             http::start(listener, inlet, Arc::clone(&board), reach).context("--control")
         });
+        let mut recorder = match &self.record {
+            Some(file) => {
+                let header = Header::of(wall, package, algorithm.name(), rate_hz, path_name)?;
+                let out = File::create(file).with_context(|| format!("--record: {}", file.display()))?;
+                Some(Recorder::start(BufWriter::new(out), &header).with_context(|| format!("--record: {}", file.display()))?)
+            }
+            None => None,
+        };
         Ok(Steered {
             camera: Box::new(move |frame| driver.pose(frame)),
-            cull: Box::new(move |pose, sets| scene.cull(pose, sets)),
+            cull: Box::new(move |pose, sets| {
+                scene.cull(pose, sets);
+                recorder.iter_mut().for_each(|recorder| recorder.note(pose, sets));
+            }),
             board,
             server: server.transpose()?,
         })

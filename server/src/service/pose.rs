@@ -38,7 +38,7 @@ impl Pose {
     ///
     /// # Errors
     /// Names what is wrong, in one line.
-    pub(super) fn check(&self, views: usize, objects: usize) -> Result<(), String> {
+    pub fn check(&self, views: usize, objects: usize) -> Result<(), String> {
         if self.eyes.len() != views {
             return Err(format!("eyes: {}; the wall has {views} views", self.eyes.len()));
         }
