@@ -171,6 +171,11 @@ async fn guard(State(api): State<Api>, request: Request, next: Next) -> Response
     if let Err(problem) = check_sender(request.headers(), api.reach) {
         return refused(StatusCode::FORBIDDEN, problem);
     }
+    // Said beforehand: no need to wait for it.
+    let length = request.headers().get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
+    if let Some(length) = length.filter(|length| *length > MAX_REQUEST_BYTES as u64) {
+        return ControlError::TooLong(length as usize).into_response();
+    }
     match tokio::time::timeout(PATIENCE, next.run(request)).await {
         Ok(response) => response,
         Err(_) => refused(StatusCode::REQUEST_TIMEOUT, format!("the request took longer than {} s", PATIENCE.as_secs())),
