@@ -13,8 +13,6 @@ mod driver;
 pub mod http;
 mod live_scene;
 mod queue;
-#[cfg(test)]
-mod tests;
 mod why;
 
 pub use board::Board;
