@@ -7,7 +7,7 @@
 //! One header comes first. A file without an end was cut off: its whole frames count.
 
 use std::io::{self, Read, Write};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 
 use glam::{DAffine3, DVec3};
@@ -203,10 +203,7 @@ impl Recorder {
         let number = self.number;
         self.number += 1;
         let Some(to_disk) = self.to_disk.as_ref().filter(|_| !self.is_given_up) else { return };
-        let mut bytes = match self.free.try_recv() {
-            Ok(bytes) => bytes,
-            Err(TryRecvError::Empty | TryRecvError::Disconnected) => Vec::new(),
-        };
+        let mut bytes = self.free.try_recv().unwrap_or_default();
         let frame = Frame {
             number,
             scene_time_s: pose.scene_time_s,
