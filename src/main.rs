@@ -32,6 +32,8 @@ enum Command {
     Demo(commands::demo::Options),
     /// Drive a wall: cull, stream and keep the tiles in step.
     Serve(commands::serve::Options),
+    /// Cull a recorded show again, and compare what each view sees.
+    Replay(commands::replay::Options),
     /// Be one node of a wall: draw its tiles.
     Tile(commands::tile::Options),
     /// Make certificates for a wall: one for its master, and one for each node.
@@ -82,6 +84,7 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Demo(options) => commands::demo::run(&options),
         Command::Serve(options) => commands::serve::run(&options),
+        Command::Replay(options) => commands::replay::run(&options),
         Command::Tile(options) => commands::tile::run(&options),
         Command::Enroll(options) => commands::enroll::run(&options),
         Command::Generate(options) => commands::generate::run(&options),

@@ -9,9 +9,9 @@ use mullion_common::camera_path::CameraPath;
 use mullion_common::scene::Package;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_server::cull::{Algorithm, Culler};
+use mullion_server::control::LiveScene;
+use mullion_server::cull::Algorithm;
 use mullion_server::service::{Camera, Cull, FrameReport, Pose, ShowReport};
-use mullion_server::tree::{Bounds, DynamicScene};
 use serde::Serialize;
 use tokio::sync::watch;
 
@@ -28,24 +28,14 @@ pub fn camera(path: CameraPath, wall: &Wall) -> Camera {
         scene_time_s: frame as f64 / rate_hz,
         world_from_room: path.pose(frame),
         eyes: eyes.clone(),
-        moved: Vec::new(),
+        ..Pose::default()
     })
 }
 
 /// Culls a scene whose objects stand where poses say.
-pub fn culler(
-    algorithm: Algorithm,
-    wall: &Arc<Wall>,
-    package: &Arc<Package>,
-) -> impl FnMut(&Pose, &mut [VisibleSet]) + Send + use<> {
-    let wall = Arc::clone(wall);
-    let mut scene = DynamicScene::new(Arc::clone(package), Bounds::default());
-    let mut culler = Culler::new(algorithm, &wall);
-    move |pose, sets| {
-        pose.moved.iter().for_each(|moved| scene.move_object(moved.object, &moved.transform.affine()));
-        scene.refit(algorithm.tree_form());
-        culler.cull(scene.tree(), &wall, &pose.eyes, &pose.world_from_room, sets);
-    }
+pub fn culler(algorithm: Algorithm, wall: &Arc<Wall>, package: &Arc<Package>) -> Cull {
+    let mut scene = LiveScene::new(algorithm, wall, package);
+    Box::new(move |pose, sets| scene.cull(pose, sets))
 }
 
 /// Turns true when the user presses Ctrl-C, or when the caller makes it; pressed again, the process ends at once.
@@ -99,9 +89,8 @@ impl Record {
     }
 
     /// Culls, and writes down what each view sees.
-    pub fn culler(&self, algorithm: Algorithm, wall: &Arc<Wall>, package: &Arc<Package>) -> Cull {
+    pub fn culler(&self, mut cull: Cull) -> Cull {
         let record = self.clone();
-        let mut cull = culler(algorithm, wall, package);
         Box::new(move |pose, sets| {
             let start = Instant::now();
             cull(pose, sets);

@@ -197,6 +197,7 @@ fn play() -> Outcome {
             world_from_room: DAffine3::from_translation(DVec3::X * frame as f64),
             eyes: eyes.clone(),
             moved: Vec::new(),
+            ..Pose::default()
         }),
         // The pose carries the frame's number as its time.
         cull: Box::new(|pose, sets| {

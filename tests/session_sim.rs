@@ -589,6 +589,7 @@ impl Sim {
             shared_eye: DVec3::new(number as f64, 0.2, 1.5),
             sets: &sets,
             moved: &moved,
+            budgets: &[],
         };
         self.sets.push(sets.clone());
         self.places.push(places);

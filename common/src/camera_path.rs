@@ -54,7 +54,11 @@ impl CameraPose {
         [t.x, t.y, t.z, r.x, r.y, r.z, r.w, self.scale]
     }
 
-    fn check(&self) -> Result<(), String> {
+    /// Whether all numbers are within their ranges.
+    ///
+    /// # Errors
+    /// Names the field, its value and what is allowed, in one line.
+    pub fn check(&self) -> Result<(), String> {
         let numbers = self.numbers();
         if let Some(k) = (0..3).find(|k| !(-MAX_COORDINATE_M..=MAX_COORDINATE_M).contains(&numbers[*k])) {
             return Err(format!("{}: {} is outside -{MAX_COORDINATE_M:e} to {MAX_COORDINATE_M:e} m", FIELDS[k], numbers[k]));

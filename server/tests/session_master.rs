@@ -65,6 +65,7 @@ fn begin(master: &mut Master, number: u64, now: Duration) {
         shared_eye: DVec3::Z,
         sets: &[VisibleSet::all(5), VisibleSet::default()],
         moved: &[],
+        budgets: &[],
     };
     master.begin_frame(&input, now, &mut |_| {});
 }

@@ -89,6 +89,7 @@ fn begin(master: &mut Master, number: u64, moved: &[Moved], now: Duration) -> Ve
         shared_eye: DVec3::Z,
         sets: &[VisibleSet::all(5), VisibleSet::default()],
         moved,
+        budgets: &[],
     };
     master.begin_frame(&input, now, &mut |_| {});
     outputs(master)

@@ -184,7 +184,7 @@ fn start_master(
             ..ShowOptions::for_wall(wall).starting_together(wall, START_WAIT)
         },
         camera: show::camera(path, wall),
-        cull: record.culler(options.algorithm, wall, package),
+        cull: record.culler(show::culler(options.algorithm, wall, package)),
         observer: Box::new(move |frame| {
             progress.show("frames", frame.number + 1, frames);
             noted.note(frame);

@@ -10,6 +10,8 @@ pub mod load_nodes;
 pub mod loadtest;
 pub mod path;
 pub mod prepare;
+pub mod replay;
 pub mod serve;
+pub mod steering;
 pub mod tile;
 pub mod verify;

@@ -10,6 +10,7 @@ use mullion_server::cull::Algorithm;
 use mullion_server::service::{self, FrameReport, MasterTls, NodeEvent, Rate, Security, Show, ShowOptions};
 
 use super::prepare::HowToPrepare;
+use super::steering::Steering;
 use crate::address::{DEFAULT_PORT, with_port};
 use crate::camera::PathSource;
 use crate::files::{claim, open_identity, open_scene, open_wall, write_json};
@@ -59,6 +60,8 @@ pub struct Options {
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     #[command(flatten)]
+    steering: Steering,
+    #[command(flatten)]
     how: HowToPrepare,
 }
 
@@ -95,6 +98,7 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!((0.1..=60_000.0).contains(&barrier_ms), "--barrier: {barrier_ms} is outside 0.1 to 60000 ms");
     let security = options.security()?;
     options.report.as_deref().map_or(Ok(()), claim)?;
+    options.steering.check()?;
     let package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
     let listener = TcpListener::bind(options.listen).with_context(|| format!("cannot listen on {}", options.listen))?;
     let address = listener.local_addr()?;
@@ -119,6 +123,7 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);
 
     let path = path.path(&package, &wall, options.frames)?;
+    let steered = options.steering.start(path, (&options.path, rate_hz), options.algorithm, &wall, &package)?;
     let progress = Arc::new(Progress::new());
     let lines = Arc::clone(&progress);
     let of_master = show_options.standby_of.clone().unwrap_or_default();
@@ -137,6 +142,7 @@ pub fn run(options: &Options) -> Result<()> {
     let total = options.frames;
     let of_total = total.map_or_else(String::new, |total| format!(" of {total}"));
     let mut told: Option<Instant> = None;
+    let board = Arc::clone(&steered.board);
     let observer = move |frame: &FrameReport| {
         for node in &frame.passed_over {
             progress.line(&format!(
@@ -152,13 +158,14 @@ pub fn run(options: &Options) -> Result<()> {
             progress.line(&format!("frame {shown}{of_total}: {} of {} nodes show it", frame.shown_by, node_names.len()));
         }
         noted.note(frame);
+        board.note(frame);
     };
     let stop = show::stop_on_interrupt()?;
     let report = service::run(
         listener,
         Show {
-            camera: show::camera(path, &wall),
-            cull: record.culler(options.algorithm, &wall, &package),
+            camera: steered.camera,
+            cull: record.culler(steered.cull),
             observer: Box::new(observer),
             node_observer: Box::new(node_observer),
             shown_observer: Box::new(|_, _| {}),
@@ -168,6 +175,7 @@ pub fn run(options: &Options) -> Result<()> {
             package: Arc::clone(&package),
         },
     )?;
+    drop(steered.server);
     let summary = record.summary(&options.scene.display().to_string(), &wall, &package, &report);
     summary.print();
     options.report.as_ref().map_or(Ok(()), |path| write_json(&summary, path))

@@ -16,6 +16,17 @@ pub fn intersects(frustum: &Frustum, obb: &Obb) -> bool {
     Volume::of(frustum).meets(obb)
 }
 
+/// The plane of the frustum that a box lies farthest outside of, and its signed distance to the box's nearest point, metres: less than 0. None
+/// where no plane parts the two, by the same arithmetic as [`intersects`].
+pub fn parting_side(frustum: &Frustum, obb: &Obb) -> Option<(FrustumSide, f64)> {
+    const SIDES: [FrustumSide; 5] =
+        [FrustumSide::Left, FrustumSide::Right, FrustumSide::Bottom, FrustumSide::Top, FrustumSide::Near];
+    let volume = Volume::of(frustum);
+    let distances_m = volume.distances_m(obb);
+    let outside = SIDES.into_iter().zip(distances_m).filter(|(_, distance_m)| *distance_m < 0.0);
+    outside.min_by(|(_, a), (_, b)| a.total_cmp(b))
+}
+
 /// Adds to `set` the leaves whose boxes [`intersects`] the frustum, in ascending order; `set` must be empty. Tests every
 /// leaf: what encloses leaves in the tree may be wrong, and shall not hide it.
 pub fn visible_leaves(hierarchy: &ObjectHierarchy, frustum: &Frustum, set: &mut VisibleSet) {
@@ -62,6 +73,16 @@ impl Volume {
             corners: frustum.rays.map(|ray| ray * (near_m / near.normal.dot(ray))),
             sides: [(bottom_right - bottom_left).normalize(), (top_left - bottom_left).normalize()],
         }
+    }
+
+    /// Signed distance of a box's nearest point from each plane, metres.
+    fn distances_m(&self, obb: &Obb) -> [f64; 5] {
+        let center = obb.center - self.eye;
+        let limits_m = [0.0, 0.0, 0.0, 0.0, self.near_m];
+        std::array::from_fn(|side| {
+            let normal = self.normals[side];
+            normal.dot(center) + obb.radius_along(normal) - limits_m[side]
+        })
     }
 
     fn meets(&self, obb: &Obb) -> bool {

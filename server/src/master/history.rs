@@ -5,7 +5,7 @@ use std::collections::{HashMap, VecDeque};
 use glam::{DAffine3, DVec3};
 use mullion_common::scene::ObjectId;
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wire::{BASE_WINDOW, Course, Frame, FrameView, Moved};
+use mullion_common::wire::{BASE_WINDOW, Budget, Course, Frame, FrameView, Moved};
 
 use super::FrameInput;
 use mullion_common::wall::ViewId;
@@ -30,6 +30,7 @@ pub(super) struct History {
     scene_time_s: f64,
     world_from_room: DAffine3,
     eyes: Vec<DVec3>,
+    budgets: Vec<Budget>,
     shared_eye: DVec3,
     moved: Vec<MovedAt>,
     place_of: HashMap<ObjectId, usize>,
@@ -51,6 +52,8 @@ impl History {
         self.shared_eye = input.shared_eye;
         self.eyes.clear();
         self.eyes.extend_from_slice(input.eyes);
+        self.budgets.clear();
+        self.budgets.extend_from_slice(input.budgets);
         for moved in input.moved {
             let entry = MovedAt { moved: *moved, frame: input.number };
             let place = *self.place_of.entry(moved.object).or_insert(self.moved.len());
@@ -95,6 +98,7 @@ impl History {
         let nothing = VisibleSet::default();
         for (view, out) in views.iter().map(|v| usize::from(v.0)).zip(&mut frame.views) {
             out.eye = self.eyes[view];
+            out.budget = self.budgets.get(view).copied().unwrap_or_default();
             out.leaves.between(base.map_or(&nothing, |base| &base.sets[view]), &newest.sets[view]);
             out.digest = newest.sets[view].digest();
         }

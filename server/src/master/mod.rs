@@ -24,8 +24,8 @@ use mullion_common::scene::ChunkHash;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, ChunkHello, Course, Frame, Hello, Manifest, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part,
-    Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
+    ALIVE_EVERY, Budget, Bye, ByeCode, ChunkHello, Course, Frame, Hello, Manifest, Moved, OPENING_LIMIT, Opening,
+    PROTOCOL_VERSION, Part, Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
 };
 
 use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, Standing, SwapBarrier};
@@ -75,7 +75,7 @@ pub struct MasterOptions {
     pub session_seed: [u8; 32],
 }
 
-/// A frame that begins. All slices by `ViewId`, but `moved`.
+/// A frame that begins. Slices are by `ViewId`, all but `moved`.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameInput<'a> {
     /// The number that was wanted.
@@ -92,6 +92,8 @@ pub struct FrameInput<'a> {
     pub sets: &'a [VisibleSet],
     /// Objects that have another transform than in the frame before.
     pub moved: &'a [Moved],
+    /// What each view may spend; empty: nothing is limited.
+    pub budgets: &'a [Budget],
 }
 
 /// What the shell is to do.

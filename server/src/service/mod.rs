@@ -29,7 +29,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 
 use crate::master::{Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage};
-use crate::swap_barrier::{BarrierOptions, NodeIndex};
+use crate::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 use blobs::Blobs;
 use connection::{Connection, Event, Role};
 use mailbox::Mailbox;
@@ -171,6 +171,8 @@ pub struct FrameReport {
     pub node_stats: Vec<Stats>,
     /// Nodes that held it up and are not waited for any more.
     pub passed_over: Vec<NodeIndex>,
+    /// What each node is to the barrier, by `NodeIndex`.
+    pub standings: Vec<Standing>,
     /// Nodes connected.
     pub connected: u32,
     /// Nodes that were told to show it.
@@ -558,6 +560,7 @@ impl Service {
             shared_eye: pose.shared_eye(),
             sets: &self.sets,
             moved: &pose.moved,
+            budgets: &pose.budgets,
         };
         let _send = tracing::debug_span!("send").entered();
         let mut before = Instant::now();
@@ -583,6 +586,8 @@ impl Service {
         frame.passed_over = released.passed_over;
         frame.shown_by = released.shown_by;
         frame.connected = self.master.connected() as u32;
+        frame.standings.clear();
+        frame.standings.extend((0..self.show.wall.nodes().len() as u16).map(|node| self.master.standing(NodeIndex(node))));
         frame.frame_bytes.clear();
         frame.frame_bytes.extend(self.master.frame_bytes());
         frame.node_stats.clear();

@@ -1,7 +1,10 @@
 //! Where everything is in a frame, and whether nodes can be told.
 
 use glam::{DAffine3, DVec3};
-use mullion_common::wire::Moved;
+use mullion_common::scene::ObjectId;
+use mullion_common::wire::{Budget, Moved};
+
+use crate::tree::Presence;
 
 /// Where everything is in one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,6 +20,10 @@ pub struct Pose {
     /// Objects that have another transform than in the frame before. Nodes draw them where they now stand; the show's cull must
     /// move them, too, as [`DynamicScene`](crate::tree::DynamicScene) does.
     pub moved: Vec<Moved>,
+    /// Objects that come or go with all below them, in this order. For the show's cull alone: nodes are told by what views see.
+    pub presence: Vec<(ObjectId, Presence)>,
+    /// What each view may spend, by `ViewId`; empty: nothing is limited.
+    pub budgets: Vec<Budget>,
 }
 
 impl Pose {
@@ -31,11 +38,17 @@ impl Pose {
     ///
     /// # Errors
     /// Names what is wrong, in one line.
-    pub(super) fn check(&self, views: usize, objects: usize) -> Result<(), String> {
+    pub fn check(&self, views: usize, objects: usize) -> Result<(), String> {
         if self.eyes.len() != views {
             return Err(format!("eyes: {}; the wall has {views} views", self.eyes.len()));
         }
         let finite = |what: &str, is_finite| if is_finite { Ok(()) } else { Err(format!("{what} is not finite")) };
+        if !self.budgets.is_empty() && self.budgets.len() != views {
+            return Err(format!("budgets: {}; the wall has {views} views", self.budgets.len()));
+        }
+        if let Some((object, _)) = self.presence.iter().find(|(object, _)| object.0 as usize >= objects) {
+            return Err(format!("object {} comes or goes; the scene has {objects}", object.0));
+        }
         finite("scene_time_s", self.scene_time_s.is_finite())?;
         finite("world_from_room", self.world_from_room.is_finite())?;
         for (view, eye) in self.eyes.iter().enumerate() {
@@ -55,7 +68,7 @@ impl Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mullion_common::scene::{ObjectId, Transform};
+    use mullion_common::scene::Transform;
 
     #[test]
     fn a_pose_that_nodes_would_leave_over_is_refused_by_name() {
@@ -76,6 +89,8 @@ mod tests {
             (Pose { eyes: vec![DVec3::X, DVec3::NAN], ..good.clone() }, "the eye of view 1 is not finite"),
             (Pose { eyes: vec![far, far], ..good.clone() }, "the middle of the eyes in the world is not finite"),
             (Pose { moved: vec![moved(0, 1.0), moved(3, 1.0)], ..good.clone() }, "object 3 moved; the scene has 3"),
+            (Pose { budgets: vec![Budget::default(); 3], ..good.clone() }, "budgets: 3; the wall has 2 views"),
+            (Pose { presence: vec![(ObjectId(3), Presence::Away)], ..good.clone() }, "object 3 comes or goes; the scene has 3"),
             (Pose { moved: vec![moved(1, f64::NAN)], ..good.clone() }, "the transform of object 1 is not finite"),
         ];
         for (pose, problem) in bad {

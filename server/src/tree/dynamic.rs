@@ -5,6 +5,7 @@ use std::sync::Arc;
 use glam::DAffine3;
 use mullion_common::geometry::{Obb, RELATIVE_SLACK};
 use mullion_common::scene::{NodeId, ObjectId, Package, Scene};
+use serde::{Deserialize, Serialize};
 
 use super::{Bounds, CullTree, TreeForm};
 
@@ -47,6 +48,11 @@ impl DynamicScene {
         Self { tree, nodes, leaves, starts, package }
     }
 
+    /// The package, as it was prepared.
+    pub fn package(&self) -> &Package {
+        &self.package
+    }
+
     /// The tree, to be culled once it is refitted.
     pub fn tree(&self) -> &CullTree {
         &self.tree
@@ -55,6 +61,16 @@ impl DynamicScene {
     /// Brings a form of the tree up to date with all that moved.
     pub fn refit(&mut self, form: TreeForm) {
         self.tree.refit(form);
+    }
+
+    /// Takes an object and all below it in the source file out of what is seen, or brings them back, whatever took them away. They come
+    /// back where they would be if they had stayed.
+    pub fn set_presence(&mut self, object: ObjectId, presence: Presence) {
+        let leaves = &self.package.scene.objects[object.0 as usize].leaves;
+        match presence {
+            Presence::There => self.tree.restore_leaves(leaves),
+            Presence::Away => self.tree.remove_leaves(leaves),
+        }
     }
 
     /// Puts an object where `world_from_local` says, which must be finite. Objects below it stay where they are: each has a
@@ -77,6 +93,15 @@ impl DynamicScene {
             self.tree.move_leaf(*leaf, &bound);
         }
     }
+}
+
+/// Whether an object is part of the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Presence {
+    /// It is culled, and drawn where it is seen.
+    There,
+    /// No view sees it.
+    Away,
 }
 
 /// Whether a transform keeps angles, so that what a box was grown by for rounding grows with it in every direction. False where it is

@@ -11,6 +11,7 @@ mod tests;
 mod wide;
 mod wide_node;
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -19,7 +20,7 @@ use mullion_common::scene::{NodeId, ObjectHierarchy};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 pub use build::hierarchy_over;
-pub use dynamic::DynamicScene;
+pub use dynamic::{DynamicScene, Presence};
 pub use file::FileTree;
 use paths::{ALL_LANES, Paths};
 use rebuild::Rebuild;
@@ -47,6 +48,8 @@ struct Edits {
     wide_paths: Paths,
     /// Leaves that are gone.
     removed: VisibleSet,
+    /// Of each of them, the bound that it would have.
+    away: HashMap<u32, Obb>,
     /// [`WideTree::visits`] when the tree was built.
     built_visits: f64,
     rebuild: Option<Rebuild>,
@@ -58,6 +61,7 @@ impl Edits {
             hierarchy_paths: Paths::of_hierarchy(hierarchy),
             wide_paths: Paths::of_wide(wide),
             removed: VisibleSet::default(),
+            away: HashMap::new(),
             built_visits: wide.visits(),
             rebuild: None,
         }
@@ -183,10 +187,16 @@ impl CullTree {
         edits.mark(leaf, &self.wide);
     }
 
-    /// Gives a leaf the bound that encloses it from now on; it must be finite. Takes effect with [`CullTree::refit`].
+    /// Gives a leaf the bound that encloses it from now on; it must be finite. Takes effect with [`CullTree::refit`], for a removed
+    /// leaf once it is restored.
     pub fn move_leaf(&mut self, leaf: u32, bound: &Obb) {
-        self.mark(leaf);
         let bound = if self.bounds == Bounds::Obb { *bound } else { bound.aabb().into() };
+        if let Some(away) = self.edits().away.get_mut(&leaf) {
+            // It is seen there once it comes back; until then nothing gets larger for its sake.
+            *away = bound;
+            return;
+        }
+        self.mark(leaf);
         self.set_bound(leaf, bound);
     }
 
@@ -196,15 +206,42 @@ impl CullTree {
         Arc::make_mut(&mut self.hierarchy).set_bound(node, bound);
     }
 
-    /// Takes a leaf out of every visible set. Its number stays unused until the tree is rebuilt.
+    /// Takes a leaf out of every visible set. Its number stays unused until it is restored or the tree is rebuilt.
     pub fn remove_leaf(&mut self, leaf: u32) {
+        self.remove_leaves(&[LeafRange::new(leaf, leaf + 1)]);
+    }
+
+    /// Takes leaves out of every visible set; those that are gone stay so.
+    pub fn remove_leaves(&mut self, leaves: &[LeafRange]) {
+        for leaf in leaves.iter().flat_map(|range| range.start..range.end) {
+            let bound = *self.leaf_bound(leaf);
+            let edits = self.edits();
+            if edits.away.contains_key(&leaf) {
+                continue;
+            }
+            edits.away.insert(leaf, bound);
+            edits.removed.push_unordered(LeafRange::new(leaf, leaf + 1));
+            self.mark(leaf);
+            // A point within what enclosed it: nothing gets larger for its sake.
+            self.set_bound(leaf, Obb::of_point(bound.center));
+        }
+        self.edits().removed.normalize();
+    }
+
+    /// Brings removed leaves back to where they would be if they had stayed; those that are there stay so. Takes effect with
+    /// [`CullTree::refit`].
+    pub fn restore_leaves(&mut self, leaves: &[LeafRange]) {
+        let mut back = VisibleSet::default();
+        for leaf in leaves.iter().flat_map(|range| range.start..range.end) {
+            let Some(bound) = self.edits().away.remove(&leaf) else { continue };
+            back.push_unordered(LeafRange::new(leaf, leaf + 1));
+            self.mark(leaf);
+            self.set_bound(leaf, bound);
+        }
+        back.normalize();
         let edits = self.edits();
-        edits.removed.push_unordered(LeafRange::new(leaf, leaf + 1));
-        edits.removed.normalize();
-        self.mark(leaf);
-        // A point within what enclosed it: nothing gets larger for its sake.
-        let middle = self.leaf_bound(leaf).center;
-        self.set_bound(leaf, Obb::of_point(middle));
+        let before = std::mem::take(&mut edits.removed);
+        before.difference_into(&back, &mut edits.removed);
     }
 
     /// Adds leaves with these bounds and returns their numbers: the next ones, in the order given. They stand below

@@ -1,0 +1,144 @@
+//! What waits for the next frame.
+//!
+//! Bounded by count, and so by bytes: a change has a fixed size. Taking from an empty queue is a few atomic reads.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+
+use mullion_common::control::{Command, MAX_MOVES, decode_moves};
+use mullion_common::scene::{ObjectId, Package};
+use mullion_common::wall::{TileId, Wall};
+
+use super::check::{Change, Checker, ControlError};
+use super::why::Snapshot;
+
+/// Most changes that wait for a frame, each eye counted.
+pub const MAX_QUEUED: usize = 262_144;
+/// Most batches of them.
+const MAX_BATCHES: usize = 1024;
+/// Most questions that wait for a frame.
+const MAX_QUESTIONS: usize = 64;
+const _: () = assert!(MAX_MOVES <= MAX_QUEUED, "a full message fits the queue");
+const _: () = assert!(MAX_QUEUED * size_of::<Change>() <= 64 << 20, "the queue takes at most 64 MiB");
+
+/// Is told the frame that takes a batch. Must be quick: the wall waits.
+pub type OnTaken = Box<dyn FnOnce(u64) + Send>;
+/// Is given what a question needs. Must be quick: the wall waits.
+pub type OnSnapshot = Box<dyn FnOnce(Snapshot) + Send>;
+
+struct Batch {
+    changes: Vec<Change>,
+    weight: usize,
+    on_taken: OnTaken,
+}
+
+/// What a question is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Subject {
+    /// An object and a tile.
+    Tile(ObjectId, TileId),
+    /// An object and the whole wall.
+    Wall(ObjectId),
+}
+
+/// Where commands and questions come in.
+#[derive(Clone)]
+pub struct Inlet {
+    checker: Checker,
+    batches: SyncSender<Batch>,
+    questions: SyncSender<(Subject, OnSnapshot)>,
+    queued: Arc<AtomicUsize>,
+}
+
+/// Where frames take commands.
+pub struct Batches {
+    receiver: Receiver<Batch>,
+    queued: Arc<AtomicUsize>,
+}
+
+/// Where frames take questions.
+pub struct Questions {
+    receiver: Receiver<(Subject, OnSnapshot)>,
+}
+
+/// A queue for a wall that shows a package.
+pub fn channel(wall: &Arc<Wall>, package: &Arc<Package>) -> (Inlet, Batches, Questions) {
+    let (batches, batch_receiver) = sync_channel(MAX_BATCHES);
+    let (questions, question_receiver) = sync_channel(MAX_QUESTIONS);
+    let queued = Arc::new(AtomicUsize::new(0));
+    let checker = Checker::new(Arc::clone(wall), Arc::clone(package));
+    let inlet = Inlet { checker, batches, questions, queued: Arc::clone(&queued) };
+    (inlet, Batches { receiver: batch_receiver, queued }, Questions { receiver: question_receiver })
+}
+
+impl Inlet {
+    /// What it checks by.
+    pub fn checker(&self) -> &Checker {
+        &self.checker
+    }
+
+    /// Queues commands, all for one frame.
+    ///
+    /// # Errors
+    /// When one of them cannot be done, or the queue is full: then none is.
+    pub fn submit(&self, commands: &[Command], on_taken: OnTaken) -> Result<(), ControlError> {
+        self.queue(self.checker.changes(commands)?, on_taken)
+    }
+
+    /// Queues moves, as [`mullion_common::control::encode_moves`] wrote them, all for one frame.
+    ///
+    /// # Errors
+    /// As [`Inlet::submit`].
+    pub fn submit_moves(&self, bytes: &[u8], on_taken: OnTaken) -> Result<(), ControlError> {
+        self.queue(self.checker.moves(decode_moves(bytes)?)?, on_taken)
+    }
+
+    /// Queues a question about the frame that comes next.
+    ///
+    /// # Errors
+    /// When the queue is full.
+    pub fn ask(&self, subject: Subject, on_snapshot: OnSnapshot) -> Result<(), ControlError> {
+        self.questions.try_send((subject, on_snapshot)).map_err(|error| match error {
+            TrySendError::Full(_) => ControlError::Full { queued: MAX_QUESTIONS, cap: MAX_QUESTIONS },
+            TrySendError::Disconnected(_) => ControlError::Over,
+        })
+    }
+
+    fn queue(&self, changes: Vec<Change>, on_taken: OnTaken) -> Result<(), ControlError> {
+        let weight = changes.iter().map(Change::weight).sum();
+        let before = self.queued.fetch_add(weight, Ordering::Relaxed);
+        let full = |queued| ControlError::Full { queued, cap: MAX_QUEUED };
+        let result = if before + weight > MAX_QUEUED {
+            Err(full(before))
+        } else {
+            self.batches.try_send(Batch { changes, weight, on_taken }).map_err(|error| match error {
+                TrySendError::Full(_) => full(before),
+                TrySendError::Disconnected(_) => ControlError::Over,
+            })
+        };
+        if result.is_err() {
+            self.queued.fetch_sub(weight, Ordering::Relaxed);
+        }
+        result
+    }
+}
+
+impl Batches {
+    /// Takes all that waits for this frame, in order.
+    pub(super) fn take(&self, frame: u64, mut change: impl FnMut(Change)) {
+        // What comes in meanwhile waits for the next one.
+        for batch in self.receiver.try_iter().take(MAX_BATCHES) {
+            batch.changes.into_iter().for_each(&mut change);
+            self.queued.fetch_sub(batch.weight, Ordering::Relaxed);
+            (batch.on_taken)(frame);
+        }
+    }
+}
+
+impl Questions {
+    /// The next question, if any waits.
+    pub(super) fn next(&self) -> Option<(Subject, OnSnapshot)> {
+        self.receiver.try_recv().ok()
+    }
+}

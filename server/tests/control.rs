@@ -1,0 +1,105 @@
+//! Goal: whatever was moved, removed and brought back in whatever order, a scene is culled as one that got its last state at once.
+//! Method: random edits over many frames, against a fresh scene with the same final state. The object hierarchy finds the same sets.
+//! The sweep's boxes are rounded outwards in steps that a node keeps from before, so that its sets may hold more next to a plane:
+//! they hold all that the oracle finds, and nothing that is away.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec3};
+use mullion_common::geometry::Obb;
+use mullion_common::scene::{ObjectId, Package};
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::{ViewId, Wall, WallConfig};
+use mullion_common::wire::Moved;
+use mullion_server::control::LiveScene;
+use mullion_server::cull::{Algorithm, oracle};
+use mullion_server::service::Pose;
+use mullion_server::tree::{Bounds, DynamicScene, Presence};
+use proptest::prelude::*;
+
+#[path = "../../tests/session_support/mod.rs"]
+mod session_support;
+
+const LEAVES: u32 = 60;
+
+#[derive(Clone, Debug)]
+enum Edit {
+    Move(u32, [f64; 3], f64),
+    Presence(u32, Presence),
+}
+
+fn edit() -> impl Strategy<Value = Edit> {
+    let object = 0..session_support::OBJECTS;
+    let at = prop::array::uniform3(-40.0..40.0);
+    let presence = prop_oneof![Just(Presence::There), Just(Presence::Away)];
+    prop_oneof![
+        (object.clone(), at, 0.0..6.0).prop_map(|(object, at, angle)| Edit::Move(object, at, angle)),
+        (object, presence).prop_map(|(object, presence)| Edit::Presence(object, presence)),
+    ]
+}
+
+fn moved(object: u32, at: [f64; 3], angle: f64) -> Moved {
+    let transform = DAffine3::from_rotation_translation(DQuat::from_rotation_y(angle), DVec3::from(at)).into();
+    Moved { object: ObjectId(object), transform }
+}
+
+fn sets(scene: &mut LiveScene, pose: &Pose, wall: &Wall) -> Vec<VisibleSet> {
+    let mut sets = vec![VisibleSet::default(); wall.views().len()];
+    scene.cull(pose, &mut sets);
+    sets
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn a_scene_is_what_its_last_state_is(frames in prop::collection::vec(prop::collection::vec(edit(), 0..6), 1..8)) {
+        let text = "[grid]\ncolumns = 3\nrows = 2\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\n";
+        let wall: Arc<Wall> = Arc::new(WallConfig::parse(text).expect("a valid wall"));
+        let package: Arc<Package> = session_support::package(LEAVES);
+        let room = DAffine3::from_translation(DVec3::new(8.0, 1.0, 25.0));
+        let still = Pose { world_from_room: room, eyes: wall.default_eyes(), ..Pose::default() };
+        for algorithm in [Algorithm::Sweep, Algorithm::Oh] {
+            let mut scene = LiveScene::new(algorithm, &wall, &package);
+            let mut places = vec![None; session_support::OBJECTS as usize];
+            let mut presences = vec![Presence::There; places.len()];
+            let mut last = Vec::new();
+            for edits in &frames {
+                let mut pose = still.clone();
+                for edit in edits {
+                    match *edit {
+                        Edit::Move(object, at, angle) => {
+                            places[object as usize] = Some(moved(object, at, angle));
+                            pose.moved.push(moved(object, at, angle));
+                        }
+                        Edit::Presence(object, presence) => {
+                            presences[object as usize] = presence;
+                            pose.presence.push((ObjectId(object), presence));
+                        }
+                    }
+                }
+                last = sets(&mut scene, &pose, &wall);
+            }
+            let away = (0..).zip(&presences).filter(|(_, presence)| **presence == Presence::Away);
+            let presence = away.map(|(object, presence)| (ObjectId(object), *presence)).collect();
+            let pose = Pose { moved: places.into_iter().flatten().collect(), presence, ..still.clone() };
+            let fresh = sets(&mut LiveScene::new(algorithm, &wall, &package), &pose, &wall);
+            if algorithm == Algorithm::Oh {
+                prop_assert_eq!(&last, &fresh);
+            }
+            let mut known = DynamicScene::new(Arc::clone(&package), Bounds::default());
+            pose.moved.iter().for_each(|moved| known.move_object(moved.object, &moved.transform.affine()));
+            let there = |leaf: &u32| {
+                presences[package.scene.manifest.leaves[*leaf as usize].object.0 as usize] == Presence::There
+            };
+            let boxes: Vec<(u32, Obb)> =
+                (0..LEAVES).filter(|leaf| there(leaf)).map(|leaf| (leaf, *known.tree().leaf_bound(leaf))).collect();
+            for (view, set) in last.iter().enumerate() {
+                let frustum = wall.frustum(ViewId(view as u16), pose.eyes[view], &room);
+                let mut truth = VisibleSet::default();
+                oracle::visible_boxes(boxes.iter().map(|(leaf, bound)| (*leaf, bound)), &frustum, &mut truth);
+                prop_assert!(set.is_superset_of(&truth), "{}: view {}: {:?} lacks some of {:?}", algorithm, view, set, truth);
+                prop_assert!(set.leaves().all(|leaf| there(&leaf)), "{}: view {}: {:?} holds what is away", algorithm, view, set);
+            }
+        }
+    }
+}

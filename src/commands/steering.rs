@@ -1,0 +1,93 @@
+//! How a show is steered: the control API.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::net::{SocketAddr, TcpListener};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, ensure};
+use mullion_common::camera_path::CameraPath;
+use mullion_common::scene::Package;
+use mullion_common::wall::Wall;
+use mullion_server::control::http::{self, Reach, Server};
+use mullion_server::control::{self, Board, Driver, LiveScene};
+use mullion_server::cull::Algorithm;
+use mullion_server::record::{Header, Recorder};
+use mullion_server::service::{Camera, Cull};
+
+use crate::say::say;
+
+/// Who steers.
+#[derive(clap::Args)]
+pub struct Steering {
+    /// Let programs steer the show: an address for the control API (docs/control.md). Off if left out.
+    #[arg(long, value_name = "ADDRESS")]
+    control: Option<SocketAddr>,
+    /// Let --control be an address that other machines reach. Whoever reaches it steers the wall: keep it on a network of its own.
+    #[arg(long, requires = "control")]
+    control_from_network: bool,
+    /// Write down all that comes in, for `mullion replay`.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+}
+
+/// The parts of a show that is steered.
+pub struct Steered {
+    pub camera: Camera,
+    pub cull: Cull,
+    pub board: Arc<Board>,
+    /// Listens until it is dropped.
+    pub server: Option<Server>,
+}
+
+impl Steering {
+    /// Whether the options fit together; before anything takes long.
+    pub fn check(&self) -> Result<()> {
+        if let Some(address) = self.control {
+            ensure!(
+                address.ip().is_loopback() || self.control_from_network,
+                "--control: other machines reach {address}, and whoever reaches it steers the wall; add --control-from-network to allow that"
+            );
+        }
+        Ok(())
+    }
+
+    /// Starts what listens.
+    pub fn start(
+        &self,
+        path: CameraPath,
+        (path_name, rate_hz): (&str, f64),
+        algorithm: Algorithm,
+        wall: &Arc<Wall>,
+        package: &Arc<Package>,
+    ) -> Result<Steered> {
+        let (inlet, batches, questions) = control::channel(wall, package);
+        let mut driver = Driver::new(Arc::clone(wall), path, batches);
+        let board = Arc::new(Board::new(wall, driver.clock()));
+        let mut scene = LiveScene::new(algorithm, wall, package).answering(questions);
+        let server = self.control.map(|address| {
+            let listener = TcpListener::bind(address).with_context(|| format!("--control: cannot listen on {address}"))?;
+            let reach = if self.control_from_network { Reach::Network } else { Reach::Loopback };
+            say!("steer it at:        http://{}/status", listener.local_addr()?);
+            http::start(listener, inlet, Arc::clone(&board), reach).context("--control")
+        });
+        let mut recorder = match &self.record {
+            Some(file) => {
+                let header = Header::of(wall, package, algorithm.name(), rate_hz, path_name)?;
+                let out = File::create(file).with_context(|| format!("--record: {}", file.display()))?;
+                Some(Recorder::start(BufWriter::new(out), &header).with_context(|| format!("--record: {}", file.display()))?)
+            }
+            None => None,
+        };
+        Ok(Steered {
+            camera: Box::new(move |frame| driver.pose(frame)),
+            cull: Box::new(move |pose, sets| {
+                scene.cull(pose, sets);
+                recorder.iter_mut().for_each(|recorder| recorder.note(pose, sets));
+            }),
+            board,
+            server: server.transpose()?,
+        })
+    }
+}
