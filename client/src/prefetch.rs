@@ -186,8 +186,8 @@ impl Prefetch {
         }
     }
 
-    /// The next chunk to ask for, and what it may take on the GPU, bytes; it counts as asked for. `None` for now where enough is on its
-    /// way, where the next does not fit, and where nothing is left.
+    /// The next chunk to ask for, and what it may take on the GPU, bytes; it counts as asked for. `None` where enough is on its way,
+    /// where the next does not fit, and where nothing is left.
     ///
     /// Only for moments when nothing is missing that a frame needs. `load`: what was asked for here and has not come.
     pub fn next(

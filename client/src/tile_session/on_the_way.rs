@@ -32,7 +32,7 @@ impl OnTheWay {
         self.blobs.contains_key(hash)
     }
 
-    /// Whether a blob of so many bytes that a frame needs may be asked for now.
+    /// Whether a blob of so many bytes that a frame needs may be asked for.
     pub fn has_room_for(&self, length: u64) -> bool {
         self.needed.count < FETCH_WINDOW && (self.needed.count == 0 || self.needed.bytes + length <= FETCH_WINDOW_BYTES)
     }

@@ -53,7 +53,7 @@ pub struct Driver {
 struct Steered {
     wall: Arc<Wall>,
     pace: Pace,
-    /// The place on the path; none before the first frame.
+    /// The place on the path; none before the first frame, whose number is its place: a master that takes another's place goes on there.
     path_frame: Option<u64>,
     /// Instead of the path.
     camera: Option<DAffine3>,
@@ -91,7 +91,7 @@ impl Driver {
     pub fn pose(&mut self, frame: u64) -> Pose {
         let steered = &mut self.steered;
         self.batches.take(frame, |change| steered.apply(change));
-        let path_frame = steered.pass();
+        let path_frame = steered.pass(frame);
         self.clock.path_frame.store(path_frame, Ordering::Relaxed);
         self.clock.is_paused.store(steered.pace == Pace::Stepping(0), Ordering::Relaxed);
         steered.place_of.clear();
@@ -108,7 +108,7 @@ impl Driver {
 
 impl Steered {
     /// Lets time pass, where it passes, and tells the place on the path.
-    fn pass(&mut self) -> u64 {
+    fn pass(&mut self, frame: u64) -> u64 {
         let passes = match &mut self.pace {
             Pace::Running => true,
             Pace::Stepping(0) => false,
@@ -117,7 +117,7 @@ impl Steered {
                 true
             }
         };
-        let place = self.path_frame.map_or(0, |place| place + u64::from(passes));
+        let place = self.path_frame.map_or(frame, |place| place + u64::from(passes));
         self.path_frame = Some(place);
         place
     }

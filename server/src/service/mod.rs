@@ -450,7 +450,7 @@ impl Service {
             Event::Identity { peer, identity } => self.master.handle_identity(peer, identity),
             Event::NotAdmitted { peer, reason } => {
                 if let Some(link) = self.links.remove(&peer) {
-                    tracing::warn!("{}: closed: {reason}", link.address);
+                    self.complaints.warn(format_args!("{}: closed: {reason}", link.address), now);
                     self.report.refused += 1;
                     self.master.handle_disconnected(peer, now);
                 }
