@@ -19,6 +19,7 @@ use mullion_control::{
 use mullion_server::control::http::{self, Reach};
 use mullion_server::control::{self, Board, Driver, LiveScene};
 use mullion_server::cull::Algorithm;
+use mullion_server::metrics::Metrics;
 use mullion_server::record::{Ending, Header, Reader, Recorder};
 use mullion_server::service::{Rate, Show, ShowOptions, run as run_show};
 use session_support::{OBJECTS, package, wall};
@@ -49,10 +50,11 @@ fn steered(steer: impl FnOnce(SocketAddr)) -> Vec<u8> {
     let (inlet, batches, questions) = control::channel(&wall, &package);
     let mut driver = Driver::new(Arc::clone(&wall), path, batches);
     let board = Arc::new(Board::new(&wall, driver.clock()));
+    let (mut metrics, reader) = Metrics::new(&wall);
     let mut scene = LiveScene::new(Algorithm::Sweep, &wall, &package).answering(questions);
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
-    let server = http::start(listener, inlet, Arc::clone(&board), Reach::Loopback).unwrap();
+    let server = http::start(listener, inlet, Arc::clone(&board), reader, Reach::Loopback).unwrap();
     let record = Shared::default();
     let header = Header::of(&wall, &package, Algorithm::Sweep.name(), 250.0, "test").unwrap();
     let mut recorder = Recorder::start(record.clone(), &header).unwrap();
@@ -66,7 +68,10 @@ fn steered(steer: impl FnOnce(SocketAddr)) -> Vec<u8> {
             scene.cull(pose, sets);
             recorder.note(pose, sets);
         }),
-        observer: Box::new(move |frame| board.note(frame)),
+        observer: Box::new(move |frame| {
+            board.note(frame);
+            metrics.note_frame(frame);
+        }),
         node_observer: Box::new(|_| {}),
         shown_observer: Box::new(|_, _| {}),
         stop: Some(stopped),
@@ -211,6 +216,8 @@ fn what_is_wrong_is_refused_in_one_line_and_the_show_goes_on() {
             assert!(answer.starts_with(&format!("HTTP/1.1 {code}")) && answer.contains(problem), "{body}: {answer}");
         }
         assert!(post(address, "Origin: http://localhost:8080\r\n", "[]").starts_with("HTTP/1.1 200"));
+        let metrics = raw(address, b"GET /metrics HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+        assert!(metrics.contains("openmetrics-text") && metrics.contains("mullion_frames_total"), "{metrics}");
         let rebound = raw(address, b"GET /status HTTP/1.1\r\nHost: example.org\r\nConnection: close\r\n\r\n");
         assert!(rebound.starts_with("HTTP/1.1 403"), "{rebound}");
         let huge = format!("POST /commands HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nContent-Length: 99999999\r\n\r\n");

@@ -9,7 +9,7 @@ const MAX_MAP_LINES: usize = 200;
 const MAX_FILE_LINES: usize = 700;
 
 /// Where each outside crate may be named; everywhere else it must not be.
-const HOMES: [(&str, &str); 7] = [
+const HOMES: [(&str, &str); 11] = [
     ("bincode", "common/src/wire"),
     ("wgpu", "client/src/gpu"),
     ("obvhs", "server/src/tree/regroup.rs"),
@@ -17,6 +17,10 @@ const HOMES: [(&str, &str); 7] = [
     ("plotters", "src/plot.rs"),
     ("rcgen", "server/src/enroll.rs"),
     ("webpki", "common/src/identity.rs"),
+    ("axum", "server/src/control/http.rs"),
+    ("hyper", "server/src/control/http.rs"),
+    ("tokio_tungstenite", "client/control/src/lib.rs"),
+    ("prometheus_client", "server/src/metrics.rs"),
 ];
 
 /// TLS is where connections are opened, on either side, and nowhere else.

@@ -2,11 +2,12 @@
 
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use mullion_server::cull::Algorithm;
+use mullion_server::metrics::Metrics;
 use mullion_server::service::{self, FrameReport, MasterTls, NodeEvent, Rate, Security, Show, ShowOptions};
 
 use super::prepare::HowToPrepare;
@@ -123,11 +124,14 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);
 
     let path = path.path(&package, &wall, options.frames)?;
-    let steered = options.steering.start(path, (&options.path, rate_hz), options.algorithm, &wall, &package)?;
+    let (metrics, reader) = Metrics::new(&wall);
+    let steered = options.steering.start(path, (&options.path, rate_hz), options.algorithm, &wall, &package, reader)?;
+    let metrics = Arc::new(Mutex::new(metrics));
     let progress = Arc::new(Progress::new());
     let lines = Arc::clone(&progress);
     let of_master = show_options.standby_of.clone().unwrap_or_default();
-    let node_observer = move |event: &NodeEvent| match event {
+    let of_nodes = Arc::clone(&metrics);
+    let tell_of_node = move |event: &NodeEvent| match event {
         NodeEvent::Joined { node, address } => lines.line(&format!("node {node} joined from {address}")),
         NodeEvent::Left { node, reason } => lines.line(&format!("node {node} left: {reason}")),
         NodeEvent::StoodIn { node, spare } => lines.line(&format!("spare {spare} takes the place of node {node}")),
@@ -136,6 +140,10 @@ pub fn run(options: &Options) -> Result<()> {
             lines.line(&format!("the master at {of_master} is gone ({reason}): going on from frame {frame}"));
         }
     };
+    let node_observer = move |event: &NodeEvent| {
+        tell_of_node(event);
+        locked(&of_nodes).note_node(event);
+    };
     let node_names: Vec<String> = wall.nodes().iter().map(|n| n.name.clone()).collect();
     let record = Record::new(&wall);
     let noted = record.clone();
@@ -143,6 +151,7 @@ pub fn run(options: &Options) -> Result<()> {
     let of_total = total.map_or_else(String::new, |total| format!(" of {total}"));
     let mut told: Option<Instant> = None;
     let board = Arc::clone(&steered.board);
+    let of_frames = Arc::clone(&metrics);
     let observer = move |frame: &FrameReport| {
         for node in &frame.passed_over {
             progress.line(&format!(
@@ -159,6 +168,7 @@ pub fn run(options: &Options) -> Result<()> {
         }
         noted.note(frame);
         board.note(frame);
+        locked(&of_frames).note_frame(frame);
     };
     let stop = show::stop_on_interrupt()?;
     let report = service::run(
@@ -168,7 +178,7 @@ pub fn run(options: &Options) -> Result<()> {
             cull: record.culler(steered.cull),
             observer: Box::new(observer),
             node_observer: Box::new(node_observer),
-            shown_observer: Box::new(|_, _| {}),
+            shown_observer: Box::new(move |node, shown| locked(&metrics).note_shown(node, shown)),
             stop: Some(stop.subscribe()),
             options: show_options,
             wall: Arc::clone(&wall),
@@ -179,4 +189,9 @@ pub fn run(options: &Options) -> Result<()> {
     let summary = record.summary(&options.scene.display().to_string(), &wall, &package, &report);
     summary.print();
     options.report.as_ref().map_or(Ok(()), |path| write_json(&summary, path))
+}
+
+/// All who note something are called from the master's loop: nobody ever waits.
+fn locked(metrics: &Mutex<Metrics>) -> MutexGuard<'_, Metrics> {
+    metrics.lock().unwrap_or_else(PoisonError::into_inner)
 }

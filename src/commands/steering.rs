@@ -13,6 +13,7 @@ use mullion_common::wall::Wall;
 use mullion_server::control::http::{self, Reach, Server};
 use mullion_server::control::{self, Board, Driver, LiveScene};
 use mullion_server::cull::Algorithm;
+use mullion_server::metrics::MetricsReader;
 use mullion_server::record::{Header, Recorder};
 use mullion_server::service::{Camera, Cull};
 
@@ -61,6 +62,7 @@ impl Steering {
         algorithm: Algorithm,
         wall: &Arc<Wall>,
         package: &Arc<Package>,
+        metrics: MetricsReader,
     ) -> Result<Steered> {
         let (inlet, batches, questions) = control::channel(wall, package);
         let mut driver = Driver::new(Arc::clone(wall), path, batches);
@@ -70,7 +72,7 @@ impl Steering {
             let listener = TcpListener::bind(address).with_context(|| format!("--control: cannot listen on {address}"))?;
             let reach = if self.control_from_network { Reach::Network } else { Reach::Loopback };
             say!("steer it at:        http://{}/status", listener.local_addr()?);
-            http::start(listener, inlet, Arc::clone(&board), reach).context("--control")
+            http::start(listener, inlet, Arc::clone(&board), metrics, reach).context("--control")
         });
         let mut recorder = match &self.record {
             Some(file) => {

@@ -27,6 +27,7 @@ use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use super::board::Board;
 use super::check::ControlError;
 use super::queue::{Inlet, Subject};
+use crate::metrics::MetricsReader;
 
 /// Most connections; others are closed at once.
 pub const MAX_CONNECTIONS: usize = 32;
@@ -69,6 +70,7 @@ impl Drop for Server {
 struct Api {
     inlet: Inlet,
     board: Arc<Board>,
+    metrics: Arc<MetricsReader>,
     reach: Reach,
     sockets: Arc<Semaphore>,
     stop: watch::Receiver<bool>,
@@ -78,12 +80,12 @@ struct Api {
 ///
 /// # Errors
 /// When the system gives no thread or runtime.
-pub fn start(listener: TcpListener, inlet: Inlet, board: Arc<Board>, reach: Reach) -> io::Result<Server> {
+pub fn start(listener: TcpListener, inlet: Inlet, board: Arc<Board>, metrics: MetricsReader, reach: Reach) -> io::Result<Server> {
     let (stop, stopped) = watch::channel(false);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     listener.set_nonblocking(true)?;
     let sockets = Arc::new(Semaphore::new(MAX_SOCKETS));
-    let api = Api { inlet, board, reach, sockets, stop: stopped };
+    let api = Api { inlet, board, metrics: Arc::new(metrics), reach, sockets, stop: stopped };
     let serve = move || {
         runtime.block_on(async {
             match tokio::net::TcpListener::from_std(listener) {
@@ -101,11 +103,14 @@ async fn accept(listener: tokio::net::TcpListener, api: Api) {
     let permits = Arc::new(Semaphore::new(MAX_CONNECTIONS));
     let router = Router::new()
         .route("/status", get(status))
+        .route("/metrics", get(metrics))
         .route("/commands", post(commands))
         .route("/why", get(why))
         .route("/objects/{object}/tiles", get(tiles))
         .route("/ws", get(socket))
-        .fallback(async || refused(StatusCode::NOT_FOUND, "there is /status, /commands, /why, /objects/ID/tiles and /ws"))
+        .fallback(async || {
+            refused(StatusCode::NOT_FOUND, "there is /status, /metrics, /commands, /why, /objects/ID/tiles and /ws")
+        })
         .layer(DefaultBodyLimit::max(MAX_REQUEST_BYTES))
         .layer(middleware::from_fn_with_state(api.clone(), guard))
         .with_state(api);
@@ -208,6 +213,10 @@ fn address(host: &str) -> Option<IpAddr> {
 
 async fn status(State(api): State<Api>) -> Json<Status> {
     Json(api.board.latest())
+}
+
+async fn metrics(State(api): State<Api>) -> Response {
+    ([(header::CONTENT_TYPE, MetricsReader::CONTENT_TYPE)], api.metrics.text()).into_response()
 }
 
 #[derive(Serialize)]

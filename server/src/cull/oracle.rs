@@ -77,25 +77,24 @@ impl Volume {
 
     /// Signed distance of a box's nearest point from each plane, metres.
     fn distances_m(&self, obb: &Obb) -> [f64; 5] {
-        let center = obb.center - self.eye;
-        let limits_m = [0.0, 0.0, 0.0, 0.0, self.near_m];
+        let (center, limits_m) = (obb.center - self.eye, self.limits_m());
         std::array::from_fn(|side| {
             let normal = self.normals[side];
             normal.dot(center) + obb.radius_along(normal) - limits_m[side]
         })
     }
 
+    /// Distance of each plane from the eye, metres.
+    fn limits_m(&self) -> [f64; 5] {
+        [0.0, 0.0, 0.0, 0.0, self.near_m]
+    }
+
     fn meets(&self, obb: &Obb) -> bool {
-        let center = obb.center - self.eye;
-        let limits_m = [0.0, 0.0, 0.0, 0.0, self.near_m];
-        let mut holds_center = true;
-        for (normal, limit_m) in self.normals.iter().zip(limits_m) {
-            let middle_m = normal.dot(center);
-            holds_center &= middle_m >= limit_m;
-            if middle_m + obb.radius_along(*normal) < limit_m {
-                return false;
-            }
+        if self.distances_m(obb).iter().any(|distance_m| *distance_m < 0.0) {
+            return false;
         }
+        let center = obb.center - self.eye;
+        let holds_center = self.normals.iter().zip(self.limits_m()).all(|(normal, limit_m)| normal.dot(center) >= limit_m);
         holds_center || !self.is_apart(center, &obb.half_axes)
     }
 
