@@ -19,7 +19,7 @@ const HOMES: [(&str, &str); 11] = [
     ("webpki", "common/src/identity.rs"),
     ("axum", "server/src/control/http.rs"),
     ("hyper", "server/src/control/http.rs"),
-    ("tokio_tungstenite", "client/control/src/lib.rs"),
+    ("tungstenite", "client/control/src/lib.rs"),
     ("prometheus_client", "server/src/metrics.rs"),
 ];
 
@@ -56,7 +56,7 @@ fn text(path: &Path) -> String {
 
 /// Rust files of the libraries and the binary, without tests, benches and examples.
 fn sources() -> Vec<PathBuf> {
-    let trees = ["src", "common/src", "server/src", "client/src"];
+    let trees = ["src", "common/src", "server/src", "client/src", "client/control/src"];
     let files = trees.iter().flat_map(|tree| files_below(tree));
     files.filter(|path| path.extension().is_some_and(|e| e == "rs")).collect()
 }
