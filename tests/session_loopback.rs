@@ -22,7 +22,9 @@ use mullion_client::node::{
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wire::{ByeCode, Hello, LENGTH_BYTES, Moved, Opening, PROTOCOL_VERSION, Part, ToTile, ViewSpec};
+use mullion_common::wire::{
+    ByeCode, Hello, LENGTH_BYTES, Moved, Opening, PROTOCOL_VERSION, Part, Ping, ToMaster, ToTile, ViewSpec,
+};
 use mullion_server::service::{Pose, Rate, ServiceError, Show, ShowOptions, ShowReport, run as run_show};
 use session_support::{chunks_of, package, visible, wall};
 
@@ -117,8 +119,12 @@ fn speak(address: SocketAddr, bytes: &[u8]) -> Vec<ToTile> {
     stream.write_all(bytes).unwrap();
     let mut answer = Vec::new();
     stream.read_to_end(&mut answer).unwrap();
+    messages_of(&answer)
+}
+
+fn messages_of(answer: &[u8]) -> Vec<ToTile> {
     let mut messages = Vec::new();
-    let mut rest = answer.as_slice();
+    let mut rest = answer;
     while let Some((length, after)) = rest.split_first_chunk::<LENGTH_BYTES>() {
         let (body, after) = after.split_at(u32::from_le_bytes(*length) as usize);
         messages.push(ToTile::decode(body).unwrap());
@@ -384,5 +390,53 @@ fn what_the_master_refuses_for_good_is_an_error_at_once() {
         other => panic!("{other:?}"),
     }
     stop.send_replace(true);
+    service.join().unwrap().unwrap();
+}
+
+/// Keeps talking until the master closes, and gives its last word.
+fn chatter(address: SocketAddr, node: &str) -> ByeCode {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    let mut talker = stream.try_clone().unwrap();
+    let greeting = hello(node, PROTOCOL_VERSION);
+    let talking = thread::spawn(move || {
+        let mut ping = Vec::new();
+        ToMaster::Ping(Ping { at_us: 1 }).encode(&mut ping).unwrap();
+        talker.write_all(&greeting).unwrap();
+        while talker.write_all(&ping).is_ok() {}
+    });
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    stream.shutdown(std::net::Shutdown::Both).unwrap_or_default(); // gone already
+    talking.join().unwrap();
+    goodbye(&messages_of(&answer)).0
+}
+
+#[test]
+fn who_is_still_talking_hears_that_the_show_is_over() {
+    let wall = wall(3, 2);
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let names: Vec<String> = wall.nodes().iter().map(|node| node.name.clone()).collect();
+    let (stop, stopped) = tokio::sync::watch::channel(false);
+    let (eyes, node_count) = (wall.default_eyes(), names.len() as u32);
+    let show = Show {
+        options: ShowOptions { rate: Rate::Hz(250.0), ..ShowOptions::for_wall(&wall) },
+        wall,
+        package: package(3),
+        camera: Box::new(move |_| Pose { eyes: eyes.clone(), ..Pose::default() }),
+        cull: Box::new(|_, _| {}),
+        observer: Box::new(move |frame| {
+            stop.send_replace(frame.connected == node_count);
+        }),
+        node_observer: Box::new(|_| {}),
+        shown_observer: Box::new(|_, _| {}),
+        stop: Some(stopped),
+    };
+    let service = thread::spawn(move || run_show(listener, show));
+    let talkers: Vec<_> = names.into_iter().map(|name| thread::spawn(move || chatter(address, &name))).collect();
+    for talker in talkers {
+        assert_eq!(talker.join().unwrap(), ByeCode::EndOfShow);
+    }
     service.join().unwrap().unwrap();
 }

@@ -129,16 +129,12 @@ impl Connection {
     async fn listen(&self, bodies: &mut Bodies, writer: &tokio::sync::Mutex<Writer>) {
         let Some(body) = self.next_body(bodies, MAX_OPENING_BYTES).await else { return };
         let (role, decided) = oneshot::channel();
-        if self.events.send(Event::Opening { peer: self.peer, body, role }).await.is_err() {
-            return;
-        }
+        self.pass_on(Event::Opening { peer: self.peer, body, role }).await;
         match decided.await {
             Ok(Role::Control) => {
                 bodies.decoder_mut().set_max_frame_length(MAX_TO_MASTER_BYTES);
                 while let Some(body) = self.next_body(bodies, MAX_TO_MASTER_BYTES).await {
-                    if self.events.send(Event::Body { peer: self.peer, body }).await.is_err() {
-                        return;
-                    }
+                    self.pass_on(Event::Body { peer: self.peer, body }).await;
                 }
             }
             Ok(Role::Chunks) => {
@@ -161,8 +157,15 @@ impl Connection {
         }
     }
 
+    /// Tells the loop what came in. Where that is gone the show is over: the goodbye is being written, and nothing is read any more.
+    async fn pass_on(&self, event: Event) {
+        if self.events.send(event).await.is_err() {
+            std::future::pending::<()>().await;
+        }
+    }
+
     async fn report(&self, error: WireError) -> ! {
-        let _ = self.events.send(Event::Fault { peer: self.peer, error }).await; // the loop is gone: it ends us too
+        self.pass_on(Event::Fault { peer: self.peer, error }).await;
         std::future::pending().await
     }
 
