@@ -77,7 +77,7 @@ pub(super) struct Connection {
     pub write_ns: Arc<AtomicU64>,
 }
 
-type Bodies = FramedRead<Reader, LengthDelimitedCodec>;
+pub(super) type Bodies = FramedRead<Reader, LengthDelimitedCodec>;
 
 impl Connection {
     /// Serves the connection until either side ends it.
@@ -97,9 +97,7 @@ impl Connection {
         if let Some(identity) = identity {
             self.tell(Event::Identity { peer: self.peer, identity }).await;
         }
-        let mut builder = LengthDelimitedCodec::builder();
-        let builder = builder.little_endian().length_field_length(LENGTH_BYTES).max_frame_length(MAX_OPENING_BYTES);
-        let mut bodies = builder.new_read(reader);
+        let mut bodies = framed(reader, MAX_OPENING_BYTES);
         let writer = tokio::sync::Mutex::new(writer);
         tokio::select! {
             _ = self.write_mail(&writer) => {
@@ -231,7 +229,13 @@ impl Connection {
     }
 }
 
-async fn write_all(writer: &mut Writer, bytes: &[u8]) -> io::Result<()> {
+/// Bodies of messages, none longer than `cap`.
+pub(super) fn framed(reader: Reader, cap: usize) -> Bodies {
+    let mut builder = LengthDelimitedCodec::builder();
+    builder.little_endian().length_field_length(LENGTH_BYTES).max_frame_length(cap).new_read(reader)
+}
+
+pub(super) async fn write_all(writer: &mut Writer, bytes: &[u8]) -> io::Result<()> {
     let too_slow = || io::Error::new(io::ErrorKind::TimedOut, "the peer does not read");
     let write = async {
         writer.write_all(bytes).await?;

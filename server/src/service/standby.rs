@@ -6,15 +6,13 @@ use std::time::Duration;
 use futures_util::StreamExt;
 use mullion_common::scene::ObjectId;
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, LENGTH_BYTES, MAX_TO_TILE_BYTES, Moved, Opening, SectionRef, StandbyHello, Stats, ToMaster,
-    ToStandby, WireError,
+    ALIVE_EVERY, Bye, ByeCode, MAX_TO_TILE_BYTES, Moved, Opening, SectionRef, StandbyHello, Stats, ToMaster, ToStandby, WireError,
 };
-use tokio::io::AsyncWriteExt;
-use tokio::net::tcp::OwnedWriteHalf;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::time::{Instant, sleep, timeout};
-use tokio_util::codec::LengthDelimitedCodec;
 
+use super::connection::{framed, write_all};
+use super::transport::Writer;
 use super::{NodeEvent, ServiceError, Show, stopped};
 use crate::master::TELL_STANDBYS_EVERY;
 
@@ -124,10 +122,9 @@ async fn converse(stream: TcpStream, hello: &StandbyHello, known: &mut Known, lo
     if let Err(error) = stream.set_nodelay(true) {
         return gone(error);
     }
-    let (reader, mut writer) = stream.into_split();
-    let mut builder = LengthDelimitedCodec::builder();
-    let builder = builder.little_endian().length_field_length(LENGTH_BYTES).max_frame_length(MAX_TO_TILE_BYTES);
-    let mut bodies = builder.new_read(reader);
+    let (reader, writer) = stream.into_split();
+    let mut bodies = framed(Box::new(reader), MAX_TO_TILE_BYTES);
+    let mut writer: Writer = Box::new(writer);
     let mut buffer = Vec::new();
     let hello = Opening::Standby(*hello);
     if let Err(error) = write(&mut writer, &mut buffer, |out| hello.encode(out)).await {
@@ -167,10 +164,10 @@ async fn converse(stream: TcpStream, hello: &StandbyHello, known: &mut Known, lo
 }
 
 async fn write(
-    writer: &mut OwnedWriteHalf,
+    writer: &mut Writer,
     buffer: &mut Vec<u8>,
     encode: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>,
 ) -> std::io::Result<()> {
     encode(buffer).map_err(std::io::Error::other)?;
-    writer.write_all(buffer).await
+    write_all(writer, buffer).await
 }
