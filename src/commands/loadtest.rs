@@ -91,6 +91,8 @@ struct Report {
     /// Connections that hostile peers made.
     hostile_connections: u64,
     master_peak_bytes: u64,
+    /// At the end of each tenth of the test.
+    master_bytes: Vec<u64>,
 }
 
 /// How long the first frame waits for all nodes.
@@ -140,6 +142,7 @@ pub fn run(options: &Options) -> Result<()> {
     let hostile = options.hostile.map(|strangers| HostilePeers::start(&address, strangers, &wall.nodes()[good..][0].name));
     let progress = Progress::new();
     let (of_frames, of_shows, of_leaves) = (tally.clone(), tally.clone(), tally.clone());
+    let tenth = (frames / 10).max(1);
     let mut cull = show::culler(Algorithm::Sweep, &wall, &package);
     let show = Show {
         camera: show::camera(path, &wall),
@@ -149,6 +152,9 @@ pub fn run(options: &Options) -> Result<()> {
         }),
         observer: Box::new(move |frame: &FrameReport| {
             of_frames.note_frame(frame);
+            if (frame.number + 1).is_multiple_of(tenth) {
+                of_frames.note_memory();
+            }
             let _ = first_frame.try_send(Instant::now()); // it was told of the first one
             progress.show("showing", frame.number + 1, frames);
         }),
@@ -176,6 +182,7 @@ pub fn run(options: &Options) -> Result<()> {
         done: clients.finish()?,
         hostile_connections,
         master_peak_bytes: peak_bytes(),
+        master_bytes: tally.memory(),
     };
     report.print();
     options.json.as_ref().map_or(Ok(()), |path| write_json(&report, path))?;
@@ -203,6 +210,9 @@ impl Report {
             mib(self.master_peak_bytes),
             mib(done.peak_bytes)
         );
+        if let [first, .., last] = self.master_bytes[..] {
+            say!("memory of the master         {:10.1} MiB after a tenth of the test, {:.1} MiB at its end", mib(first), mib(last));
+        }
         if done.connections > 0 {
             say!("sets checked                 {:10} frames of nodes, {} not the master's", done.applied, done.left);
             say!("clocks known to              {:10} µs", done.uncertainty_us);

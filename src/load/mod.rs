@@ -7,6 +7,7 @@ pub mod hostile;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use mullion_common::wall::MAX_TILES;
 use mullion_common::wire::Shown;
 use mullion_server::service::FrameReport;
 use mullion_server::swap_barrier::NodeIndex;
@@ -22,11 +23,20 @@ struct Row {
     due_us: u64,
     /// Cull, diff, encode, send.
     master_us: [f64; 4],
-    /// Nodes that showed it, the first and the last of them, microseconds.
-    shown: u32,
+    /// The nodes that showed it, a bit each; when the first and the last of them did, microseconds.
+    shown_by: NodeBits,
     first_us: u64,
     last_us: u64,
     passed_over: u32,
+}
+
+/// A bit for each node of the largest wall: every node has a tile.
+type NodeBits = [u64; MAX_TILES as usize / 64];
+
+impl Row {
+    fn shown(&self) -> u32 {
+        self.shown_by.iter().map(|bits| bits.count_ones()).sum()
+    }
 }
 
 /// Takes down what happens while a show runs.
@@ -42,7 +52,13 @@ struct Data {
     /// When it was heard of each node that it had shown a frame: a frame later than it had.
     shows: Vec<Vec<Instant>>,
     /// Shows that were told before their frame's report.
-    early: Vec<Shown>,
+    early: Vec<(u32, Shown)>,
+    /// When each node showed its newest picture, microseconds.
+    newest_us: Vec<Option<u64>>,
+    /// A frame, and for how long a node had shown the picture before it, microseconds.
+    held: Vec<(u32, u32)>,
+    /// Memory that the process held at times, but for what is taken down here, bytes.
+    memory: Vec<u64>,
     /// Of each frame and connected node.
     frame_bytes: Vec<u32>,
     /// Leaves in all sets.
@@ -52,9 +68,30 @@ struct Data {
 impl Tally {
     /// For a wall of so many nodes, of which the first `good` must show what they are told.
     pub fn new(nodes: u32, good: u32) -> Self {
-        let (rows, early, frame_bytes) = (Vec::new(), Vec::new(), Vec::new());
-        let (released, shows) = (Vec::new(), vec![Vec::new(); nodes as usize]);
-        Self(Arc::new(Mutex::new(Data { nodes: good, rows, released, shows, early, frame_bytes, leaves: 0 })))
+        Self(Arc::new(Mutex::new(Data {
+            nodes: good,
+            rows: Vec::new(),
+            released: Vec::new(),
+            shows: vec![Vec::new(); nodes as usize],
+            early: Vec::new(),
+            newest_us: vec![None; nodes as usize],
+            held: Vec::new(),
+            memory: Vec::new(),
+            frame_bytes: Vec::new(),
+            leaves: 0,
+        })))
+    }
+
+    /// Takes down how much memory the process holds.
+    pub fn note_memory(&self) {
+        let mut data = self.lock();
+        let own = data.bytes();
+        data.memory.push(status_bytes("VmRSS:").saturating_sub(own));
+    }
+
+    /// Memory held at each [`Self::note_memory`], bytes.
+    pub fn memory(&self) -> Vec<u64> {
+        self.lock().memory.clone()
     }
 
     /// Takes down how many leaves the sets of a frame hold.
@@ -70,10 +107,11 @@ impl Tally {
         let master_us = [us(frame.cull), us(frame.diff), us(frame.encode), us(frame.send)];
         let passed_over = frame.passed_over.iter().filter(|node| u32::from(node.0) < data.nodes).count() as u32;
         let due_us = frame.due.as_micros() as u64;
-        data.rows.push(Row { due_us, master_us, shown: 0, first_us: u64::MAX, last_us: 0, passed_over });
+        let shown_by = NodeBits::default();
+        data.rows.push(Row { due_us, master_us, shown_by, first_us: u64::MAX, last_us: 0, passed_over });
         data.frame_bytes.extend(frame.frame_bytes.iter().filter(|bytes| **bytes > 0));
-        for shown in std::mem::take(&mut data.early) {
-            data.note(&shown);
+        for (node, shown) in std::mem::take(&mut data.early) {
+            data.note(node, &shown);
         }
     }
 
@@ -84,7 +122,7 @@ impl Tally {
             return; // who knows what it says
         }
         data.shows[usize::from(node.0)].push(Instant::now());
-        data.note(shown);
+        data.note(u32::from(node.0), shown);
     }
 
     /// How the wall bore what happened.
@@ -115,18 +153,19 @@ impl Tally {
         let period_us = (1e6 / hz) as u64;
         // Of the last frame, no node has a later one to tell of it with.
         let counted = data.rows.get(from..data.rows.len().saturating_sub(1)).unwrap_or_default();
-        let is_on_time = |row: &&Row| row.shown == data.nodes && row.last_us <= row.due_us + period_us;
+        let is_on_time = |row: &&Row| row.shown() == data.nodes && row.last_us <= row.due_us + period_us;
         let on_time = counted.iter().filter(is_on_time).count();
-        let all_shown = counted.iter().filter(|row| row.shown > 1);
+        let all_shown = counted.iter().filter(|row| row.shown() > 1);
         let part = |k: usize| Spread::of(counted.iter().map(|row| row.master_us[k]));
         let (sent, raw) = (data.frame_bytes.iter().map(|b| u64::from(*b)).sum::<u64>(), data.leaves * size_of::<u32>() as u64);
         Verdict {
             frames: counted.len() as u64,
             on_time_percent: 100.0 * on_time as f64 / counted.len().max(1) as f64,
             passed_over: counted.iter().map(|row| u64::from(row.passed_over)).sum(),
-            never_shown: counted.iter().map(|row| u64::from(data.nodes - row.shown.min(data.nodes))).sum(),
+            never_shown: counted.iter().map(|row| u64::from(data.nodes - row.shown())).sum(),
             lateness_us: Spread::of(counted.iter().map(|row| row.last_us.saturating_sub(row.due_us) as f64)),
             skew_us: Spread::of(all_shown.map(|row| (row.last_us - row.first_us) as f64)),
+            held_us: Spread::of(data.held.iter().filter(|(frame, _)| *frame as usize >= from).map(|(_, us)| f64::from(*us))),
             master_us: Spread::of(counted.iter().map(|row| row.master_us.iter().sum::<f64>())),
             cull_us: part(0),
             diff_us: part(1),
@@ -144,18 +183,29 @@ impl Tally {
 }
 
 impl Data {
-    fn note(&mut self, shown: &Shown) {
+    fn note(&mut self, node: u32, shown: &Shown) {
         let released = self.rows.len() as u64;
         match self.rows.get_mut(shown.frame as usize) {
             Some(row) => {
-                row.shown += 1;
+                row.shown_by[node as usize / 64] |= 1 << (node % 64);
                 row.first_us = row.first_us.min(shown.at_us);
                 row.last_us = row.last_us.max(shown.at_us);
+                let before = self.newest_us[node as usize].replace(shown.at_us);
+                let held = before.map(|before| u32::try_from(shown.at_us.saturating_sub(before)).unwrap_or(u32::MAX));
+                self.held.extend(held.map(|held| (shown.frame as u32, held)));
             }
             // A node hears of a release before the report is written; nothing further ahead is true.
-            None if shown.frame == released => self.early.push(*shown),
+            None if shown.frame == released => self.early.push((node, *shown)),
             None => {}
         }
+    }
+
+    /// Memory that all this takes: it grows with the test, and is not the show's.
+    fn bytes(&self) -> u64 {
+        let shows: usize = self.shows.iter().map(|times| size_of_val(times.as_slice())).sum();
+        let (rows, released) = (size_of_val(self.rows.as_slice()), size_of_val(self.released.as_slice()));
+        let (held, frame_bytes) = (size_of_val(self.held.as_slice()), size_of_val(self.frame_bytes.as_slice()));
+        (shows + rows + released + held + frame_bytes) as u64
     }
 }
 
@@ -174,6 +224,8 @@ pub struct Verdict {
     pub lateness_us: Spread,
     /// From the first node that showed a frame to the last.
     pub skew_us: Spread,
+    /// For how long a node showed a picture, until the next.
+    pub held_us: Spread,
     /// The master's work on a frame: the four below.
     pub master_us: Spread,
     pub cull_us: Spread,
@@ -199,6 +251,7 @@ impl Verdict {
         say!("{:28} {:>10} {:>10} {:>10} {:>10}", "", "median", "p99", "p99.9", "max");
         line("due to shown by the last", &self.lateness_us, "µs");
         line("swap skew between nodes", &self.skew_us, "µs");
+        line("a picture, until the next", &self.held_us, "µs");
         line("master's work on a frame", &self.master_us, "µs");
         line("  cull", &self.cull_us, "µs");
         line("  diff", &self.diff_us, "µs");
@@ -252,8 +305,12 @@ impl Bearing {
 
 /// Greatest memory that this process has had, bytes; 0 where the system does not tell.
 pub fn peak_bytes() -> u64 {
+    status_bytes("VmHWM:")
+}
+
+fn status_bytes(field: &str) -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let kib = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+    let kib = status.lines().find_map(|line| line.strip_prefix(field)?.trim().strip_suffix(" kB")?.parse::<u64>().ok());
     kib.unwrap_or(0) * 1024
 }
 
@@ -266,23 +323,25 @@ mod tests {
         let tally = Tally::new(2, 2);
         let frame =
             |due_ms: u64| FrameReport { due: Duration::from_millis(due_ms), frame_bytes: vec![100, 0], ..FrameReport::default() };
-        let shown = |frame: u64, at_us: u64| tally.note_shown(NodeIndex(1), &Shown { frame, at_us });
-        shown(0, 1_000); // before the report
+        let shown = |node: u16, frame: u64, at_us: u64| tally.note_shown(NodeIndex(node), &Shown { frame, at_us });
+        shown(1, 0, 1_000); // before the report
         for due_ms in [0, 100, 200, 300, 400] {
             tally.note_frame(&frame(due_ms));
         }
-        shown(0, 99_000);
-        shown(1, 150_000); // by one node alone
-        shown(2, 201_000);
-        shown(2, 301_000); // too late
-        shown(3, 301_000);
-        shown(3, 302_500);
-        shown(99, 0); // a lie
+        shown(0, 0, 99_000);
+        shown(1, 1, 150_000); // by one node alone,
+        shown(1, 1, 151_000); // however often it says so
+        shown(0, 2, 201_000);
+        shown(1, 2, 301_000); // too late
+        shown(0, 3, 301_000);
+        shown(1, 3, 302_500);
+        shown(0, 99, 0); // a lie
         tally.note_leaves(1000);
         let verdict = tally.verdict(10.0, 0);
         assert_eq!((verdict.frames, verdict.on_time_percent, verdict.never_shown), (4, 50.0, 1));
         assert_eq!((verdict.skew_us.max, verdict.lateness_us.max), (100_000.0, 101_000.0));
-        assert_eq!(tally.verdict(10.0, 3).skew_us.median, 1500.0);
+        let last = tally.verdict(10.0, 3);
+        assert_eq!((last.skew_us.median, last.held_us.median, last.held_us.max), (1500.0, 100_000.0, 100_000.0));
         assert_eq!(verdict.raw_ratio, 4000.0 / 500.0);
     }
 
