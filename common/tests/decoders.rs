@@ -3,11 +3,13 @@
 //! longer: `BOLERO_RANDOM_ITERATIONS=10000000 BOLERO_RANDOM_SEED=2 cargo test --release -p mullion-common --test decoders`; a fuzzer goes on
 //! from there: `cargo bolero test -p mullion-common --test decoders messages`.
 
+mod spoiled;
+
 use std::fs;
 use std::hint::black_box;
 use std::path::Path;
 
-use bolero::{ValueGenerator, check, produce};
+use bolero::check;
 use mullion_common::camera_path::CameraPath;
 use mullion_common::scene::{GeometryChunk, Package, SceneManifest};
 use mullion_common::wall::WallConfig;
@@ -15,6 +17,7 @@ use mullion_common::wire::{
     ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_OPENING_BYTES, MAX_TO_MASTER_BYTES, MAX_TO_TILE_BYTES,
     Opening, ToMaster, ToStandby, ToTile, Want,
 };
+use spoiled::Spoiled;
 
 /// The bodies of all messages, each in a file.
 fn seeds() -> Vec<Vec<u8>> {
@@ -24,46 +27,6 @@ fn seeds() -> Vec<Vec<u8>> {
     let seeds: Vec<Vec<u8>> = files.iter().map(|file| fs::read(file).expect("a seed")).collect();
     assert!(seeds.len() >= 19, "a seed for every message");
     seeds
-}
-
-/// How to spoil a message.
-#[derive(Clone, Debug)]
-struct Spoiled {
-    seed: u8,
-    /// Where, and what is written there.
-    edits: Vec<(u16, u8)>,
-    /// What is cut out: from where, how much.
-    cut: (u16, u8),
-    /// What is put in: where, and what.
-    splice: (u16, Vec<u8>),
-}
-
-impl Spoiled {
-    fn any() -> impl ValueGenerator<Output = Self> {
-        let edits = produce::<Vec<(u16, u8)>>().with().len(0..6usize);
-        let splice = (produce::<u16>(), produce::<Vec<u8>>().with().len(0..12usize));
-        (produce::<u8>(), edits, (produce::<u16>(), 0..9u8), splice).map_gen(|(seed, edits, cut, splice)| Self {
-            seed,
-            edits,
-            cut,
-            splice,
-        })
-    }
-
-    fn of(&self, seeds: &[Vec<u8>]) -> Vec<u8> {
-        let mut body = seeds[usize::from(self.seed) % seeds.len()].clone();
-        for (at, value) in &self.edits {
-            // The head of a message, where its lengths stand, as often as all of it.
-            let within = if at % 2 == 0 { body.len() } else { body.len().min(48) };
-            body[usize::from(*at) / 2 % within] = *value;
-        }
-        let from = usize::from(self.cut.0) % (body.len() + 1);
-        let to = body.len().min(from + usize::from(self.cut.1));
-        body.drain(from..to);
-        let at = usize::from(self.splice.0) % (body.len() + 1);
-        body.splice(at..at, self.splice.1.iter().copied());
-        body
-    }
 }
 
 /// Whether a decoder keeps to twice its cap, and to what goes with the body's length.

@@ -28,6 +28,8 @@ const MAGIC: [u8; 8] = *b"MULLREC\x01";
 pub const RECORD_VERSION: u32 = 1;
 /// Most bytes of a record.
 const MAX_RECORD_BYTES: usize = 64 << 20;
+/// Most bytes of a header: two hashes and two names.
+const MAX_HEADER_BYTES: usize = 16 << 10;
 /// Bytes of an object and its transform.
 const MOVE_BYTES: usize = 100;
 const _: () = assert!(MAX_QUEUED * MOVE_BYTES + MAX_VIEWS * 64 + 1024 <= MAX_RECORD_BYTES, "a frame of a full queue fits");
@@ -172,10 +174,13 @@ impl Recorder {
     /// Begins a record.
     ///
     /// # Errors
-    /// When the header cannot be written, or the system gives no thread.
+    /// When the header is too large or cannot be written, or the system gives no thread.
     pub fn start(mut out: impl Write + Send + 'static, header: &Header) -> Result<Self, RecordError> {
         let mut bytes = Vec::new();
         framed(&mut bytes, HEADER, header)?;
+        if bytes.len() > MAX_HEADER_BYTES {
+            return Err(CodecError::TooLarge { len: bytes.len(), cap: MAX_HEADER_BYTES }.into());
+        }
         out.write_all(&MAGIC)?;
         out.write_all(&RECORD_VERSION.to_le_bytes())?;
         out.write_all(&bytes)?;
@@ -267,7 +272,7 @@ impl<R: Read> Reader<R> {
             return Err(RecordError::Version { found });
         }
         let header = match next_record(&mut input, 0)? {
-            Some((HEADER, bytes)) => codec::decode::<Header, MAX_RECORD_BYTES>(&bytes)?,
+            Some((HEADER, bytes)) => codec::decode::<Header, MAX_HEADER_BYTES>(&bytes)?,
             _ => return Err(RecordError::Malformed { place: 0, problem: "no header".to_owned() }),
         };
         Ok(Self { input, place: 1, next_frame: 0, header, ending: None })
