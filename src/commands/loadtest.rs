@@ -211,7 +211,11 @@ impl Report {
             mib(done.peak_bytes)
         );
         if let [first, .., last] = self.master_bytes[..] {
-            say!("memory of the master         {:10.1} MiB after a tenth of the test, {:.1} MiB at its end", mib(first), mib(last));
+            say!(
+                "memory of the master         {:10.1} MiB after a tenth of the test, {:.1} MiB at its end",
+                mib(first),
+                mib(last)
+            );
         }
         if done.connections > 0 {
             say!("sets checked                 {:10} frames of nodes, {} not the master's", done.applied, done.left);

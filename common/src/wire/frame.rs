@@ -90,8 +90,8 @@ struct ViewHead {
 }
 
 const HEAD_CAP: usize = 256;
-/// An eye, no budget, a digest.
-const LEAST_VIEW_BYTES: usize = 24 + 2 + 8;
+/// A view's bytes at least: an eye, no budget, a digest.
+const LEAST_VIEW_BYTES: usize = 34;
 const MOVED_BYTES: usize = 4 + size_of::<Transform>();
 
 impl Frame {

@@ -115,8 +115,6 @@ pub const SILENCE_LIMIT: Duration = Duration::from_secs(10);
 /// How often each side says something at least.
 pub const ALIVE_EVERY: Duration = Duration::from_secs(1);
 
-const GREETING_BYTES: usize = 1 + MAGIC.len() + 4 + 8 + MAX_NAME_BYTES + 4 + 1 + 8 + MAX_CREDENTIALS_BYTES + 8 + MAX_CACHED * 32;
-const _: () = assert!(GREETING_BYTES <= MAX_OPENING_BYTES, "a full greeting fits its cap");
 const _: () = assert!(1 + 8 + MAX_WANTED * 32 <= MAX_CHUNK_REQUEST_BYTES, "a full list fits its cap");
 const _: () = assert!(1 + 4 + 8 + MAX_REASON_BYTES <= MAX_OPENING_BYTES, "a refusal fits every cap");
 const _: () = assert!(1 + 32 + 8 + 8 + MAX_PIECE_BYTES <= MAX_CHUNK_REPLY_BYTES, "a full piece fits its cap");
