@@ -54,6 +54,21 @@ pub fn file_name(text: &str) -> String {
     text.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' }).collect()
 }
 
+/// Makes way for a new file: one of that name that is there becomes `NAME.1`, or the next number that is free. Gives its new name.
+pub fn set_aside(path: &Path) -> Result<Option<PathBuf>> {
+    if !path.is_file() {
+        return Ok(None); // nothing, or no file that could be lost: a pipe, a device
+    }
+    let numbered = |n: u32| {
+        let mut name = path.as_os_str().to_owned();
+        name.push(format!(".{n}"));
+        PathBuf::from(name)
+    };
+    let free = (1..).map(numbered).find(|other| !other.exists()).context("no number is free")?;
+    fs::rename(path, &free).with_context(|| format!("{}: cannot be renamed", path.display()))?;
+    Ok(Some(free))
+}
+
 /// Reads and checks a wall file.
 pub fn open_wall(path: &Path) -> Result<Wall> {
     const MAX_WALL_BYTES: u64 = 1 << 20;
@@ -99,4 +114,24 @@ pub fn write_text(text: &str, path: &Path) -> Result<()> {
         };
     }
     fs::write(path, text).with_context(|| path.display().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_set_aside_is_never_lost() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("show.rec");
+        assert_eq!(set_aside(&file).unwrap(), None);
+        for (n, text) in ["first", "second", "third"].iter().enumerate() {
+            fs::write(&file, text).unwrap();
+            let aside = folder.path().join(format!("show.rec.{}", n + 1));
+            assert_eq!(set_aside(&file).unwrap(), Some(aside.clone()));
+            assert_eq!(fs::read_to_string(aside).unwrap(), *text);
+        }
+        assert!(!file.exists());
+        assert_eq!(fs::read_to_string(folder.path().join("show.rec.1")).unwrap(), "first");
+    }
 }

@@ -17,6 +17,7 @@ use mullion_server::metrics::MetricsReader;
 use mullion_server::record::{Header, Recorder};
 use mullion_server::service::{Camera, Cull};
 
+use crate::files::set_aside;
 use crate::say::say;
 
 /// Who steers.
@@ -77,6 +78,9 @@ impl Steering {
         let mut recorder = match &self.record {
             Some(file) => {
                 let header = Header::of(wall, package, algorithm.name(), rate_hz, path_name)?;
+                if let Some(older) = set_aside(file).context("--record")? {
+                    say!("an older record:    {}", older.display());
+                }
                 let out = File::create(file).with_context(|| format!("--record: {}", file.display()))?;
                 Some(Recorder::start(BufWriter::new(out), &header).with_context(|| format!("--record: {}", file.display()))?)
             }
