@@ -15,14 +15,14 @@ use mullion_common::wire::{
     SILENCE_LIMIT, Want, WireError,
 };
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::TcpStream;
 use tokio::sync::{Notify, mpsc, oneshot};
 use tokio::time::timeout;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec, LengthDelimitedCodecError};
 
 use super::blobs::Blobs;
 use super::mailbox::Mailbox;
-use super::transport::{Admitted, Reader, Security, Writer, admit};
+use super::network::{Reader, Socket, Writer};
+use super::transport::{Admitted, Security, admit};
 use crate::master::PeerId;
 
 /// Bytes of a blob sent at a time. The loop that sends frames waits for about one of these per busy chunk connection.
@@ -81,8 +81,8 @@ pub(super) type Bodies = FramedRead<Reader, LengthDelimitedCodec>;
 
 impl Connection {
     /// Serves the connection until either side ends it.
-    pub async fn run(self, stream: TcpStream, security: Security) {
-        match admit(stream, &security).await {
+    pub async fn run(self, socket: Socket, security: Security) {
+        match admit(socket, &security).await {
             Ok(admitted) => self.converse(admitted).await,
             Err(reason) => self.tell(Event::NotAdmitted { peer: self.peer, reason }).await,
         }
