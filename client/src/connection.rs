@@ -110,6 +110,7 @@ pub(crate) async fn keep_connected(
         }
         turn = 0;
         tokio::select! {
+            biased;
             () = tokio::time::sleep(pause) => {}
             () = nobody_there() => return Ok(()),
         }

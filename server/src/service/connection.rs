@@ -100,6 +100,7 @@ impl Connection {
         let mut bodies = framed(reader, MAX_OPENING_BYTES);
         let writer = tokio::sync::Mutex::new(writer);
         tokio::select! {
+            biased;
             _ = self.write_mail(&writer) => {
                 // A peer that is still writing must not lose our last words to a reset: read on for a moment.
                 let _ = writer.lock().await.shutdown().await; // gone already: nothing to shut
@@ -171,6 +172,7 @@ impl Connection {
         let wanted = Mutex::new(VecDeque::new());
         let more = Notify::new();
         tokio::select! {
+            biased;
             () = self.read_wants(bodies, &wanted, &more) => {}
             _ = self.write_pieces(writer, &wanted, &more) => {}
         }

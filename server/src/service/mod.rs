@@ -188,6 +188,15 @@ pub struct FrameReport {
     pub shown_by: u32,
     /// Bytes of blobs sent since the show began.
     pub chunk_bytes: u64,
+    /// Most messages that waited for one peer since the frame before was released; [`MAX_WAITING`](crate::master::MAX_WAITING) at most.
+    pub longest_queue: u32,
+    /// Connections that are open, whoever is behind them; [`max_connections`] at most.
+    pub open: u32,
+}
+
+/// Most connections that are open at once: those that have not said yet who they are, and three for each node of the wall.
+pub fn max_connections(wall: &Wall) -> usize {
+    MAX_UNNAMED + 3 * wall.nodes().len()
 }
 
 /// What happened in a show.
@@ -282,7 +291,7 @@ pub async fn serve_over(listener: impl Listener, mut show: Show) -> Result<ShowR
         master: Master::new(Arc::clone(&show.wall), options, Duration::ZERO).admitting(admission),
         started: Instant::now(),
         sets: vec![VisibleSet::default(); show.wall.views().len()],
-        max_connections: MAX_UNNAMED + 3 * show.wall.nodes().len(),
+        max_connections: max_connections(&show.wall),
         links: BTreeMap::new(),
         tasks: JoinSet::new(),
         next_peer: 0,
@@ -384,26 +393,31 @@ impl Service {
                 (None, Some(at)) => at.saturating_sub(self.now()),
                 (None, None) => Duration::from_secs(1),
             };
-            tokio::select! {
-                event = inbox.recv() => {
-                    let more = std::iter::from_fn(|| inbox.try_recv().ok()).take(MAX_EVENTS);
-                    for event in event.into_iter().chain(more) {
-                        self.take(event);
-                        self.put_all(); // a goodbye and the end behind it may come together
-                    }
-                }
-                accepted = listener.accept() => match accepted {
-                    Ok((socket, address)) => self.accept(socket, address),
-                    Err(error) => {
-                        // Out of descriptors, most often: wait for some to be closed instead of spinning.
-                        tracing::warn!("cannot accept a connection: {error}");
-                        tokio::time::sleep(Duration::from_millis(10)).await;
-                    }
-                },
-                () = tokio::time::sleep(next) => {}
+            // In a fixed order, so that a simulation runs the same again; nobody starves: after each turn all that waits is taken.
+            let event = tokio::select! {
+                biased;
                 () = stopped(&mut stop) => {
                     self.master.handle_shutdown(&Bye::new(ByeCode::EndOfShow, "the show was stopped"));
+                    None
                 }
+                accepted = listener.accept() => {
+                    match accepted {
+                        Ok((socket, address)) => self.accept(socket, address),
+                        Err(error) => {
+                            // Out of descriptors, most often: wait for some to be closed instead of spinning.
+                            tracing::warn!("cannot accept a connection: {error}");
+                            tokio::time::sleep(Duration::from_millis(10)).await;
+                        }
+                    }
+                    None
+                }
+                event = inbox.recv() => event,
+                () = tokio::time::sleep(next) => None,
+            };
+            let more = std::iter::from_fn(|| inbox.try_recv().ok()).take(MAX_EVENTS);
+            for event in event.into_iter().chain(more) {
+                self.take(event);
+                self.put_all(); // a goodbye and the end behind it may come together
             }
             self.master.handle_timeout(self.now());
             self.act();
@@ -501,7 +515,10 @@ impl Service {
             Output::Send { peer, message } => {
                 let Some(link) = self.links.get(&peer) else { return };
                 match link.mailbox.push(message) {
-                    Ok(buffers) => buffers.into_iter().flatten().for_each(|buffer| self.master.recycle(buffer)),
+                    Ok((buffers, waiting)) => {
+                        self.frame.longest_queue = self.frame.longest_queue.max(waiting as u32);
+                        buffers.into_iter().flatten().for_each(|buffer| self.master.recycle(buffer));
+                    }
                     Err(_) => {
                         tracing::warn!("{}: closed: it does not read", link.address);
                         self.links.remove(&peer).into_iter().for_each(|link| self.end(link, "it does not read"));
@@ -610,7 +627,9 @@ impl Service {
         for node in &frame.passed_over {
             tracing::info!("frame {}: passed over node {:?}", frame.number, self.show.wall.nodes()[usize::from(node.0)].name);
         }
+        frame.open = self.tasks.len() as u32;
         (self.show.observer)(frame);
+        frame.longest_queue = 0;
     }
 }
 

@@ -54,6 +54,7 @@ pub(super) async fn stand_by(
     let connector = show.options.connector.clone();
     (show.node_observer)(&NodeEvent::StandingBy);
     let reason = tokio::select! {
+        biased;
         parting = follow(&connector, master, &hello, &mut known) => match parting {
             Parting::Bye(bye) if bye.code == ByeCode::EndOfShow => return Ok(None),
             Parting::Bye(bye) => return Err(ServiceError::Standby(bye)),
@@ -128,6 +129,8 @@ async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost:
     let mut beat = tokio::time::interval(ALIVE_EVERY);
     loop {
         let answer = tokio::select! {
+            biased;
+            _ = beat.tick() => ToMaster::Stats(Stats::default()),
             body = timeout(SILENCE, bodies.next()) => {
                 let body = match body {
                     Ok(Some(Ok(body))) => body,
@@ -150,7 +153,6 @@ async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost:
                     Err(error) => return Parting::Lost(format!("the master sent what is no message: {error}")),
                 }
             }
-            _ = beat.tick() => ToMaster::Stats(Stats::default()),
         };
         if let Err(error) = write(&mut writer, &mut buffer, |out| answer.encode(out)).await {
             return gone(error);
