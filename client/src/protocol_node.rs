@@ -6,7 +6,7 @@ use std::time::Duration;
 use futures_util::StreamExt;
 use mullion_common::wire::{ALIVE_EVERY, Bye, MAX_TO_TILE_BYTES, Opening, ToMaster, ToTile};
 use tokio::sync::Mutex;
-use tokio::time::{Instant, timeout};
+use tokio::time::{Instant, timeout_at};
 
 use crate::connection::{End, framed, keep_connected, stopped, write_message};
 use crate::master_clock::{MasterClock, PING_EVERY};
@@ -100,6 +100,7 @@ impl<F: FnMut(Step<'_>)> Node<F> {
         write_message(&mut writer, &mut buffer, |out| hello.encode(out)).await.map_err(lost)?;
         let mut beat = tokio::time::interval(ALIVE_EVERY);
         let mut ask = tokio::time::interval(PING_EVERY);
+        let mut heard = Instant::now();
         loop {
             tokio::select! {
                 biased;
@@ -111,7 +112,8 @@ impl<F: FnMut(Step<'_>)> Node<F> {
                     let ping = ToMaster::Ping(MasterClock::ping(self.started.elapsed()));
                     write_message(&mut writer, &mut buffer, |out| ping.encode(out)).await.map_err(lost)?;
                 }
-                body = timeout(self.patience, bodies.next()) => {
+                body = timeout_at(heard + self.patience, bodies.next()) => {
+                    heard = Instant::now();
                     let body = match body {
                         Ok(Some(body)) => body.map_err(lost)?,
                         Ok(None) => return Err(End::Lost("the master closed the connection".into())),

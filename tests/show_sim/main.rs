@@ -51,9 +51,10 @@ fn small_wall(seed: u64) -> [u32; 2] {
 fn play_all(seeds: &[u64], wall: fn(u64) -> [u32; 2]) -> Outcome {
     let mut sum = Outcome::default();
     for seed in seeds {
-        match play(&Plan::of(*seed, wall(*seed))) {
+        let plan = Plan::of(*seed, wall(*seed));
+        match play(&plan) {
             Ok(outcome) => sum.add(&outcome),
-            Err(broken) => panic!("seed {seed} failed: {broken}\nMULLION_SIM_SEED={seed} replays it"),
+            Err(broken) => panic!("seed {seed} failed: {broken}\n{plan:?}\nMULLION_SIM_SEED={seed} replays it"),
         }
     }
     sum
@@ -92,5 +93,16 @@ fn after_a_masters_death_every_node_shows_the_next_frame_within_half_a_second() 
         let outcome = play(&plan).unwrap_or_else(|broken| panic!("seed {seed}: {broken}"));
         assert_eq!(outcome.takeovers, 1, "seed {seed}");
         assert!(outcome.longest_gap <= Duration::from_millis(500), "seed {seed}: {:?}", outcome.longest_gap);
+    }
+}
+
+/// The standby takes over after 1 s of silence, and nodes look for it after 3 s, however long the old master stays away.
+#[test]
+fn a_master_whose_machine_is_gone_without_a_word_is_missed() {
+    for seed in 0..4 {
+        let plan = Plan::with(seed, small_wall(seed), true, Blow::MasterVanishes, Duration::from_secs(9));
+        let outcome = play(&plan).unwrap_or_else(|broken| panic!("seed {seed}: {broken}"));
+        assert_eq!(outcome.takeovers, 1, "seed {seed}");
+        assert!(outcome.longest_gap <= Duration::from_millis(3500), "seed {seed}: {:?}", outcome.longest_gap);
     }
 }

@@ -8,7 +8,7 @@ use mullion_common::scene::ObjectId;
 use mullion_common::wire::{
     ALIVE_EVERY, Bye, ByeCode, MAX_TO_TILE_BYTES, Moved, Opening, SectionRef, StandbyHello, Stats, ToMaster, ToStandby, WireError,
 };
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, sleep, timeout, timeout_at};
 
 use super::connection::{framed, write_all};
 use super::network::{Connector, Listener, Socket, Writer};
@@ -127,11 +127,13 @@ async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost:
         return gone(error);
     }
     let mut beat = tokio::time::interval(ALIVE_EVERY);
+    let mut heard = Instant::now();
     loop {
         let answer = tokio::select! {
             biased;
             _ = beat.tick() => ToMaster::Stats(Stats::default()),
-            body = timeout(SILENCE, bodies.next()) => {
+            body = timeout_at(heard + SILENCE, bodies.next()) => {
+                heard = Instant::now();
                 let body = match body {
                     Ok(Some(Ok(body))) => body,
                     Ok(Some(Err(error))) => return gone(error),
