@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{
-    self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, NodeTls, PaintError, Painter, Reconnect, Security,
+    self, Connector, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, NodeTls, PaintError, Painter, Reconnect, Security,
 };
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::identity::{Bearer, IdentityFile, NodeIdentity};
@@ -118,6 +118,7 @@ fn play(address: SocketAddr, name: &str, security: Security, frames: u32) -> Res
 fn paint(address: SocketAddr, name: &str, security: Security, mut guest: Guest) -> Result<NodeReport, NodeError> {
     let options = NodeOptions {
         masters: vec![address.to_string()],
+        connector: Connector::default(),
         part: Part::Own,
         when_missing: WhenMissing::Hold,
         node: name.into(),

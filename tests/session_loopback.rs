@@ -17,7 +17,7 @@ use glam::{DAffine3, DVec3};
 use mullion_client::disk_cache::DiskCache;
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{
-    DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, Security, run,
+    Connector, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, Security, run,
 };
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
@@ -100,6 +100,7 @@ fn options(address: SocketAddr, node: &str) -> NodeOptions {
     let reconnect = Reconnect { give_up_after: Some(Duration::from_secs(5)), ..Reconnect::default() };
     NodeOptions {
         masters: vec![address.to_string()],
+        connector: Connector::default(),
         part: Part::Own,
         node: node.into(),
         credentials: None,

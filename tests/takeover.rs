@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{
-    self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, Security,
+    self, Connector, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, Security,
 };
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, SceneManifest};
@@ -77,6 +77,7 @@ impl Node {
         let (stop, stopped) = watch::channel(false);
         let options = NodeOptions {
             masters: masters.iter().map(|master| (*master).to_owned()).collect(),
+            connector: Connector::default(),
             node: name.to_owned(),
             part,
             credentials: None,

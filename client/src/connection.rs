@@ -1,12 +1,12 @@
 //! Connections to a master: how they are made, kept, and written to.
 
 use std::io;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use mullion_common::wire::{Bye, ByeCode, LENGTH_BYTES, SILENCE_LIMIT, WireError};
 use tokio::io::{AsyncRead, AsyncWriteExt};
 use tokio::sync::watch;
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout};
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 use crate::node::{NodeError, NodeOptions};
@@ -110,6 +110,7 @@ pub(crate) async fn keep_connected(
         }
         turn = 0;
         tokio::select! {
+            biased;
             () = tokio::time::sleep(pause) => {}
             () = nobody_there() => return Ok(()),
         }

@@ -20,7 +20,7 @@ use crate::disk_cache::DiskCache;
 use crate::master_clock::{MasterClock, PING_EVERY};
 use crate::missing::WhenMissing;
 use crate::tile_session::{Action, Assembly, DrawStats, EndedBy, FrameToDraw, PieceError, TileSession};
-use crate::transport::{Reader, Stream, Writer, connect, describe};
+use crate::transport::{connect, describe};
 
 /// Messages and blobs that may wait for the painter. Blobs are bounded by what the session asks for at once.
 const MAX_EVENTS: usize = 64;
@@ -73,13 +73,15 @@ pub enum PaintError {
 }
 
 pub use crate::connection::Reconnect;
-pub use crate::transport::{NodeTls, Security, SecurityError};
+pub use crate::transport::{Connecting, Connector, NodeTls, Reader, Security, SecurityError, Stream, Writer};
 
 /// Which node to be, and of which master.
 #[derive(Clone, Debug)]
 pub struct NodeOptions {
     /// Hosts and ports: the master's, and those of masters that stand by for it. At least one.
     pub masters: Vec<String>,
+    /// How they are reached.
+    pub connector: Connector,
     /// How connections are secured.
     pub security: Security,
     /// Its name in the wall, or a spare's own.

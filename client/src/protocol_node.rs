@@ -1,17 +1,17 @@
 //! A node that takes part in a show without drawing: it applies every frame, holds every set against the master's digest, is ready, and
 //! tells when it was let to show. Hundreds run on one thread: they are for loading a master.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use futures_util::StreamExt;
-use mullion_common::wire::{ALIVE_EVERY, MAX_TO_TILE_BYTES, Opening, ToMaster, ToTile};
+use mullion_common::wire::{ALIVE_EVERY, Bye, MAX_TO_TILE_BYTES, Opening, ToMaster, ToTile};
 use tokio::sync::Mutex;
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout_at};
 
 use crate::connection::{End, framed, keep_connected, stopped, write_message};
 use crate::master_clock::{MasterClock, PING_EVERY};
 use crate::node::{NodeError, NodeOptions};
-use crate::tile_session::{Action, DrawStats, EndedBy, TileSession};
+use crate::tile_session::{Action, DrawStats, EndedBy, FrameToDraw, TileSession};
 use crate::transport::{Stream, Writer, describe};
 
 /// What such a node did.
@@ -31,33 +31,57 @@ pub struct ProtocolReport {
     pub uncertainty: Option<Duration>,
 }
 
+/// What such a node does.
+#[derive(Clone, Copy, Debug)]
+pub enum Step<'a> {
+    /// It has a connection to this master, and greets.
+    Connected(&'a str),
+    /// It has applied a frame, every set of which is the master's, and says that it is ready.
+    Applied(&'a FrameToDraw),
+    /// It was let to show this frame.
+    Shown(u64),
+    /// It leaves, because what came was not to be believed.
+    Left(&'a Bye),
+}
+
 /// Runs such a node until the show ends, its `stop` turns true, or the master refuses it for good.
 ///
 /// # Errors
 /// When the master refuses the node for good or stays out of reach.
 pub async fn run(options: NodeOptions) -> Result<ProtocolReport, NodeError> {
+    run_observed(options, |_| {}).await
+}
+
+/// The same, and tells of every step, as it is taken.
+///
+/// # Errors
+/// As [`run`].
+pub async fn run_observed(options: NodeOptions, observe: impl FnMut(Step<'_>)) -> Result<ProtocolReport, NodeError> {
     let session = TileSession::without_scene(options.node.clone(), options.credentials.clone()).taking_part_as(options.part);
     let (report, clock) = (ProtocolReport::default(), MasterClock::default());
-    let node = Mutex::new(Node { session, clock, report, started: Instant::now(), patience: options.patience() });
+    let node = Mutex::new(Node { session, clock, report, started: Instant::now(), patience: options.patience(), observe });
     let stop = options.stop.clone();
-    let converse = async |stream, _: &str| node.lock().await.converse(stream).await;
+    let converse = async |stream, master: &str| node.lock().await.converse(stream, master).await;
     let result = tokio::select! {
-        result = keep_connected(&options, std::future::pending, converse) => result,
+        biased;
         () = stopped(stop) => Ok(()),
+        result = keep_connected(&options, std::future::pending, converse) => result,
     };
     result.map(|()| node.into_inner().report)
 }
 
-struct Node {
+struct Node<F> {
     session: TileSession,
     clock: MasterClock,
     report: ProtocolReport,
     started: Instant,
     patience: Duration,
+    observe: F,
 }
 
-impl Node {
-    async fn converse(&mut self, stream: Stream) -> End {
+impl<F: FnMut(Step<'_>)> Node<F> {
+    async fn converse(&mut self, stream: Stream, master: &str) -> End {
+        (self.observe)(Step::Connected(master));
         self.report.connections += 1;
         self.session.connected();
         let end = self.exchange(stream).await.unwrap_or_else(|end| end);
@@ -76,9 +100,20 @@ impl Node {
         write_message(&mut writer, &mut buffer, |out| hello.encode(out)).await.map_err(lost)?;
         let mut beat = tokio::time::interval(ALIVE_EVERY);
         let mut ask = tokio::time::interval(PING_EVERY);
+        let mut heard = Instant::now();
         loop {
             tokio::select! {
-                body = timeout(self.patience, bodies.next()) => {
+                biased;
+                _ = beat.tick() => {
+                    let stats = ToMaster::Stats(self.session.stats());
+                    write_message(&mut writer, &mut buffer, |out| stats.encode(out)).await.map_err(lost)?;
+                }
+                _ = ask.tick() => {
+                    let ping = ToMaster::Ping(MasterClock::ping(self.started.elapsed()));
+                    write_message(&mut writer, &mut buffer, |out| ping.encode(out)).await.map_err(lost)?;
+                }
+                body = timeout_at(heard + self.patience, bodies.next()) => {
+                    heard = Instant::now();
                     let body = match body {
                         Ok(Some(body)) => body.map_err(lost)?,
                         Ok(None) => return Err(End::Lost("the master closed the connection".into())),
@@ -97,14 +132,6 @@ impl Node {
                     }
                     self.act(&mut writer, &mut buffer).await?;
                 }
-                _ = beat.tick() => {
-                    let stats = ToMaster::Stats(self.session.stats());
-                    write_message(&mut writer, &mut buffer, |out| stats.encode(out)).await.map_err(lost)?;
-                }
-                _ = ask.tick() => {
-                    let ping = ToMaster::Ping(MasterClock::ping(self.started.elapsed()));
-                    write_message(&mut writer, &mut buffer, |out| ping.encode(out)).await.map_err(lost)?;
-                }
             }
         }
     }
@@ -119,11 +146,13 @@ impl Node {
                 }
                 Action::Draw(frame) => {
                     self.report.applied += 1;
+                    (self.observe)(Step::Applied(&frame));
                     let leaves = frame.views.iter().map(|view| view.leaves.len()).sum();
                     self.session.drawn(frame.number, DrawStats { leaves, ..DrawStats::default() });
                 }
                 Action::Show { frame } => {
                     self.report.shown += 1;
+                    (self.observe)(Step::Shown(frame));
                     if let Some(at_us) = self.clock.master_us(self.started.elapsed()) {
                         self.session.note_shown(frame, at_us);
                     }
@@ -131,6 +160,7 @@ impl Node {
                 Action::Close { bye, by } => {
                     if by == EndedBy::Node {
                         self.report.left += 1;
+                        (self.observe)(Step::Left(&bye));
                         let message = ToMaster::Bye(bye.clone());
                         let _ = write_message(writer, buffer, |out| message.encode(out)).await; // it ends either way
                     }

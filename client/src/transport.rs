@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::io;
+use std::pin::Pin;
 use std::sync::Arc;
 
 use mullion_common::identity::{Bearer, IdentityFile};
@@ -23,16 +24,51 @@ use tokio_rustls::TlsConnector;
 
 use crate::node::NodeOptions;
 
-/// A connection to a master.
-pub(crate) struct Stream {
+/// Both directions of a connection to a master. Neither waits for the other, and to drop both ends it.
+pub struct Stream {
     /// What the master says.
     pub reader: Reader,
-    /// What it is told.
+    /// What it is told; without delay.
     pub writer: Writer,
 }
 
-pub(crate) type Reader = Box<dyn AsyncRead + Send + Unpin>;
-pub(crate) type Writer = Box<dyn AsyncWrite + Send + Unpin>;
+/// What a master says.
+pub type Reader = Box<dyn AsyncRead + Send + Unpin>;
+/// What a master is told.
+pub type Writer = Box<dyn AsyncWrite + Send + Unpin>;
+
+/// A connection that is being made.
+pub type Connecting = Pin<Box<dyn Future<Output = io::Result<Stream>> + Send>>;
+
+/// How masters are reached: TCP by default, unless a simulation or a tunnel takes its place.
+#[derive(Clone)]
+pub struct Connector(Arc<dyn Fn(String) -> Connecting + Send + Sync>);
+
+impl Connector {
+    /// By what is called with a master's host and port.
+    pub fn new(connect: impl Fn(String) -> Connecting + Send + Sync + 'static) -> Self {
+        Self(Arc::new(connect))
+    }
+}
+
+impl Default for Connector {
+    fn default() -> Self {
+        Self::new(|master| {
+            Box::pin(async move {
+                let stream = TcpStream::connect(master).await?;
+                stream.set_nodelay(true)?;
+                let (reader, writer) = stream.into_split();
+                Ok(Stream { reader: Box::new(reader), writer: Box::new(writer) })
+            })
+        })
+    }
+}
+
+impl fmt::Debug for Connector {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Connector")
+    }
+}
 
 /// How connections to a master are secured.
 #[derive(Clone, Debug, Default)]
@@ -138,21 +174,19 @@ impl ServerCertVerifier for MasterVerifier {
 pub(crate) async fn connect(master: &str, options: &NodeOptions) -> io::Result<Stream> {
     let limit = options.patience().min(OPENING_LIMIT);
     let too_slow = || io::Error::new(io::ErrorKind::TimedOut, format!("no answer in {} s", limit.as_secs()));
-    timeout(limit, open(master, &options.security)).await.map_err(|_| too_slow())?
+    timeout(limit, open(master, options)).await.map_err(|_| too_slow())?
 }
 
-async fn open(master: &str, security: &Security) -> io::Result<Stream> {
-    let stream = TcpStream::connect(master).await?;
-    stream.set_nodelay(true)?;
-    match security {
-        Security::Plain => {
-            let (reader, writer) = stream.into_split();
-            Ok(Stream { reader: Box::new(reader), writer: Box::new(writer) })
-        }
+async fn open(master: &str, options: &NodeOptions) -> io::Result<Stream> {
+    let Connector(connect) = &options.connector;
+    let stream = connect(master.to_owned()).await?;
+    match &options.security {
+        Security::Plain => Ok(stream),
         Security::Tls(NodeTls(connector)) => {
             // Neither sent nor checked, but TLS wants one.
             let name = ServerName::try_from("master").map_err(io::Error::other)?;
-            let (reader, writer) = tokio::io::split(connector.connect(name, stream).await?);
+            let whole = tokio::io::join(stream.reader, stream.writer);
+            let (reader, writer) = tokio::io::split(connector.connect(name, whole).await?);
             Ok(Stream { reader: Box::new(reader), writer: Box::new(writer) })
         }
     }

@@ -12,7 +12,7 @@ use image::RgbaImage;
 use mullion_client::gpu::{Gpu, GpuOptions, TileRect};
 use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::missing::WhenMissing;
-use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, Reconnect, Security};
+use mullion_client::node::{self, Connector, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, Reconnect, Security};
 use mullion_client::output::headless::write_png;
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 use mullion_common::camera_path::CameraPath;
@@ -213,6 +213,7 @@ fn start_node(
     let reconnect = Reconnect { give_up_after: Some(START_WAIT), ..Reconnect::default() };
     let options = NodeOptions {
         masters: vec![master],
+        connector: Connector::default(),
         node: name,
         part: Part::Own,
         credentials: None,

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::{Result, anyhow};
 use mullion_client::missing::WhenMissing;
-use mullion_client::node::{NodeOptions, Reconnect, Security};
+use mullion_client::node::{Connector, NodeOptions, Reconnect, Security};
 use mullion_client::protocol_node::{self, ProtocolReport};
 use mullion_common::wire::Part;
 use serde::{Deserialize, Serialize};
@@ -67,6 +67,7 @@ pub fn run(options: &Options) -> Result<()> {
         let nodes = options.names.iter().map(|name| {
             let options = NodeOptions {
                 masters: vec![options.master.clone()],
+                connector: Connector::default(),
                 part: Part::Own,
                 node: name.clone(),
                 credentials: None,

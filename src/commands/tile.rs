@@ -9,7 +9,7 @@ use mullion_client::disk_cache::DiskCache;
 use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::missing::WhenMissing;
-use mullion_client::node::{self, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, NodeTls, Reconnect, Security};
+use mullion_client::node::{self, Connector, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, NodeTls, Reconnect, Security};
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 use mullion_common::wire::Part;
 use tokio::sync::watch;
@@ -95,6 +95,7 @@ pub fn run(options: &Options) -> Result<()> {
     let stop = stop_on_interrupt()?;
     let node_options = NodeOptions {
         masters: options.master.iter().map(|master| with_port(master)).collect(),
+        connector: Connector::default(),
         part: if options.spare { Part::Spare } else { Part::Own },
         node: options.name.clone(),
         credentials: None,

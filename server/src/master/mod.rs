@@ -31,7 +31,7 @@ use mullion_common::wire::{
 use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, Standing, SwapBarrier};
 pub use admission::Admission;
 use history::History;
-pub use outbox::{Full, Kind, MAX_QUEUED, Message, Outbox};
+pub use outbox::{Full, Kind, MAX_QUEUED, MAX_WAITING, Message, Outbox};
 pub use spares::SPARE_AFTER;
 use spares::Spare;
 use standbys::Standby;

@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 
 /// Most control messages that wait for one peer: a welcome, a manifest and some room.
 pub const MAX_QUEUED: usize = 8;
+/// Most messages of all kinds that wait for one peer: of every other kind, one.
+pub const MAX_WAITING: usize = MAX_QUEUED + 4;
 
 /// What a message is to the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,6 +73,12 @@ impl Outbox {
         }
     }
 
+    /// How many messages wait; [`MAX_WAITING`] at most.
+    pub fn waiting(&self) -> usize {
+        let others = [&self.swap, &self.frame, &self.alive, &self.bye];
+        self.control.len() + others.into_iter().flatten().count()
+    }
+
     /// What to write next.
     pub fn pop(&mut self) -> Option<Message> {
         let control = self.control.pop_front();
@@ -111,5 +119,11 @@ mod tests {
             assert_eq!(outbox.push(message(Kind::Control, 0)), Ok(None));
         }
         assert_eq!(outbox.push(message(Kind::Control, 0)), Err(Full));
+        for kind in [Kind::Swap, Kind::Frame, Kind::Alive].repeat(2) {
+            outbox.push(message(kind, 1)).unwrap();
+        }
+        assert_eq!(outbox.waiting(), MAX_WAITING - 1);
+        outbox.push(message(Kind::Bye, 2)).unwrap();
+        assert_eq!(outbox.waiting(), MAX_WAITING - 1, "the goodbye took the frame's place");
     }
 }

@@ -15,14 +15,14 @@ use mullion_common::wire::{
     SILENCE_LIMIT, Want, WireError,
 };
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::TcpStream;
 use tokio::sync::{Notify, mpsc, oneshot};
 use tokio::time::timeout;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec, LengthDelimitedCodecError};
 
 use super::blobs::Blobs;
 use super::mailbox::Mailbox;
-use super::transport::{Admitted, Reader, Security, Writer, admit};
+use super::network::{Reader, Socket, Writer};
+use super::transport::{Admitted, Security, admit};
 use crate::master::PeerId;
 
 /// Bytes of a blob sent at a time. The loop that sends frames waits for about one of these per busy chunk connection.
@@ -81,8 +81,8 @@ pub(super) type Bodies = FramedRead<Reader, LengthDelimitedCodec>;
 
 impl Connection {
     /// Serves the connection until either side ends it.
-    pub async fn run(self, stream: TcpStream, security: Security) {
-        match admit(stream, &security).await {
+    pub async fn run(self, socket: Socket, security: Security) {
+        match admit(socket, &security).await {
             Ok(admitted) => self.converse(admitted).await,
             Err(reason) => self.tell(Event::NotAdmitted { peer: self.peer, reason }).await,
         }
@@ -100,6 +100,7 @@ impl Connection {
         let mut bodies = framed(reader, MAX_OPENING_BYTES);
         let writer = tokio::sync::Mutex::new(writer);
         tokio::select! {
+            biased;
             _ = self.write_mail(&writer) => {
                 // A peer that is still writing must not lose our last words to a reset: read on for a moment.
                 let _ = writer.lock().await.shutdown().await; // gone already: nothing to shut
@@ -171,6 +172,7 @@ impl Connection {
         let wanted = Mutex::new(VecDeque::new());
         let more = Notify::new();
         tokio::select! {
+            biased;
             () = self.read_wants(bodies, &wanted, &more) => {}
             _ = self.write_pieces(writer, &wanted, &more) => {}
         }

@@ -21,14 +21,14 @@ pub(super) struct Mailbox {
 }
 
 impl Mailbox {
-    /// Queues a message; gives back memory to be used again.
-    pub fn push(&self, message: Message) -> Result<[Option<Vec<u8>>; 2], Full> {
+    /// Queues a message; gives back memory to be used again, and how many messages wait now.
+    pub fn push(&self, message: Message) -> Result<([Option<Vec<u8>>; 2], usize), Full> {
         let mut inner = self.lock();
         let replaced = inner.outbox.push(message)?;
-        let spent = inner.spent.take();
+        let (spent, waiting) = (inner.spent.take(), inner.outbox.waiting());
         drop(inner);
         self.changed.notify_one();
-        Ok([replaced.map(|m| m.bytes), spent])
+        Ok(([replaced.map(|m| m.bytes), spent], waiting))
     }
 
     /// What waits is written, then [`Mailbox::next`] ends.

@@ -6,6 +6,7 @@
 mod blobs;
 mod connection;
 mod mailbox;
+mod network;
 mod pose;
 mod standby;
 mod transport;
@@ -17,22 +18,24 @@ use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
 use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES, Moved, Shown, Stats};
 use thiserror::Error;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
+use tokio::time::Instant;
 
 use crate::master::{Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage};
 use crate::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 use blobs::Blobs;
 use connection::{Connection, Event, Role};
 use mailbox::Mailbox;
+pub use network::{Connecting, Connector, Listener, Reader, Socket, Writer};
 pub use pose::Pose;
 use standby::Inherited;
 pub use transport::{MasterTls, Security, SecurityError};
@@ -70,6 +73,10 @@ pub struct ShowOptions {
     pub rate: Rate,
     /// Host and port of a master to stand by for: the show begins when that one is gone.
     pub standby_of: Option<String>,
+    /// How that one is reached.
+    pub connector: Connector,
+    /// Makes session numbers unguessable; `None`: random bytes, fresh for each run. Fixed ones let a simulation be run again.
+    pub session_seed: Option<[u8; 32]>,
 }
 
 impl ShowOptions {
@@ -83,6 +90,8 @@ impl ShowOptions {
             frames: None,
             rate: Rate::Hz(wall.rate_hz()),
             standby_of: None,
+            connector: Connector::default(),
+            session_seed: None,
         }
     }
 
@@ -179,6 +188,15 @@ pub struct FrameReport {
     pub shown_by: u32,
     /// Bytes of blobs sent since the show began.
     pub chunk_bytes: u64,
+    /// Most messages that waited for one peer since the frame before was released; [`MAX_WAITING`](crate::master::MAX_WAITING) at most.
+    pub longest_queue: u32,
+    /// Connections that are open, whoever is behind them; [`max_connections`] at most.
+    pub open: u32,
+}
+
+/// Most connections that are open at once: those that have not said yet who they are, and three for each node of the wall.
+pub fn max_connections(wall: &Wall) -> usize {
+    MAX_UNNAMED + 3 * wall.nodes().len()
 }
 
 /// What happened in a show.
@@ -232,7 +250,15 @@ pub fn run(listener: std::net::TcpListener, show: Show) -> Result<ShowReport, Se
 /// # Errors
 /// When the scene's sections for tiles are missing or larger than tiles take, the rate is none, or the camera gives a pose
 /// that nodes would leave over: not an eye for each view, a number that is not finite, an object that the scene lacks. The network's faults are the peers' and are logged.
-pub async fn serve(listener: TcpListener, mut show: Show) -> Result<ShowReport, ServiceError> {
+pub async fn serve(listener: TcpListener, show: Show) -> Result<ShowReport, ServiceError> {
+    serve_over(listener, show).await
+}
+
+/// The same over any network. All time is that of tokio's clock, but for what frames and messages took to make and write.
+///
+/// # Errors
+/// As [`serve`].
+pub async fn serve_over(listener: impl Listener, mut show: Show) -> Result<ShowReport, ServiceError> {
     let pace = match show.options.rate {
         Rate::AsFastAsPossible => Pace::AsFastAsPossible,
         Rate::Hz(hz) if hz.is_finite() && hz > 0.0 => Pace::Every(Duration::from_secs_f64(1.0 / hz)),
@@ -254,7 +280,7 @@ pub async fn serve(listener: TcpListener, mut show: Show) -> Result<ShowReport, 
         first_frame: inherited.first_frame,
         frames: show.options.frames,
         sections,
-        session_seed: random_bytes(),
+        session_seed: show.options.session_seed.unwrap_or_else(random_bytes),
     };
     let admission = match show.options.security {
         Security::Plain => Admission::ByName,
@@ -265,7 +291,7 @@ pub async fn serve(listener: TcpListener, mut show: Show) -> Result<ShowReport, 
         master: Master::new(Arc::clone(&show.wall), options, Duration::ZERO).admitting(admission),
         started: Instant::now(),
         sets: vec![VisibleSet::default(); show.wall.views().len()],
-        max_connections: MAX_UNNAMED + 3 * show.wall.nodes().len(),
+        max_connections: max_connections(&show.wall),
         links: BTreeMap::new(),
         tasks: JoinSet::new(),
         next_peer: 0,
@@ -357,7 +383,7 @@ struct Service {
 }
 
 impl Service {
-    async fn run(mut self, listener: TcpListener, mut inbox: mpsc::Receiver<Event>) -> Result<ShowReport, ServiceError> {
+    async fn run(mut self, listener: impl Listener, mut inbox: mpsc::Receiver<Event>) -> Result<ShowReport, ServiceError> {
         let mut stop = self.show.stop.take();
         self.master.handle_timeout(Duration::ZERO);
         self.act();
@@ -367,26 +393,31 @@ impl Service {
                 (None, Some(at)) => at.saturating_sub(self.now()),
                 (None, None) => Duration::from_secs(1),
             };
-            tokio::select! {
-                event = inbox.recv() => {
-                    let more = std::iter::from_fn(|| inbox.try_recv().ok()).take(MAX_EVENTS);
-                    for event in event.into_iter().chain(more) {
-                        self.take(event);
-                        self.put_all(); // a goodbye and the end behind it may come together
-                    }
-                }
-                accepted = listener.accept() => match accepted {
-                    Ok((stream, address)) => self.accept(stream, address),
-                    Err(error) => {
-                        // Out of descriptors, most often: wait for some to be closed instead of spinning.
-                        tracing::warn!("cannot accept a connection: {error}");
-                        tokio::time::sleep(Duration::from_millis(10)).await;
-                    }
-                },
-                () = tokio::time::sleep(next) => {}
+            // In a fixed order, so that a simulation runs the same again; nobody starves: after each turn all that waits is taken.
+            let event = tokio::select! {
+                biased;
                 () = stopped(&mut stop) => {
                     self.master.handle_shutdown(&Bye::new(ByeCode::EndOfShow, "the show was stopped"));
+                    None
                 }
+                accepted = listener.accept() => {
+                    match accepted {
+                        Ok((socket, address)) => self.accept(socket, address),
+                        Err(error) => {
+                            // Out of descriptors, most often: wait for some to be closed instead of spinning.
+                            tracing::warn!("cannot accept a connection: {error}");
+                            tokio::time::sleep(Duration::from_millis(10)).await;
+                        }
+                    }
+                    None
+                }
+                event = inbox.recv() => event,
+                () = tokio::time::sleep(next) => None,
+            };
+            let more = std::iter::from_fn(|| inbox.try_recv().ok()).take(MAX_EVENTS);
+            for event in event.into_iter().chain(more) {
+                self.take(event);
+                self.put_all(); // a goodbye and the end behind it may come together
             }
             self.master.handle_timeout(self.now());
             self.act();
@@ -407,15 +438,12 @@ impl Service {
         self.started.elapsed()
     }
 
-    fn accept(&mut self, stream: TcpStream, address: SocketAddr) {
+    fn accept(&mut self, socket: Socket, address: SocketAddr) {
         while self.tasks.try_join_next().is_some() {}
         if self.tasks.len() >= self.max_connections {
             self.report.refused += 1;
             let open = self.tasks.len();
             return self.complaints.warn(format_args!("{address}: refused: {open} connections are open"), self.started.elapsed());
-        }
-        if let Err(error) = stream.set_nodelay(true) {
-            return tracing::warn!("{address}: {error}");
         }
         let peer = PeerId(self.next_peer);
         self.next_peer += 1;
@@ -424,7 +452,7 @@ impl Service {
         let (events, blobs, chunk_bytes) = (self.events.clone(), Arc::clone(&self.blobs), Arc::clone(&self.chunk_bytes));
         let write_ns = Arc::clone(&self.write_ns);
         let connection = Connection { peer, mailbox, events, blobs, chunk_bytes, write_ns };
-        self.tasks.spawn(connection.run(stream, self.show.options.security.clone()));
+        self.tasks.spawn(connection.run(socket, self.show.options.security.clone()));
         self.master.handle_connected(peer, self.now());
     }
 
@@ -487,7 +515,10 @@ impl Service {
             Output::Send { peer, message } => {
                 let Some(link) = self.links.get(&peer) else { return };
                 match link.mailbox.push(message) {
-                    Ok(buffers) => buffers.into_iter().flatten().for_each(|buffer| self.master.recycle(buffer)),
+                    Ok((buffers, waiting)) => {
+                        self.frame.longest_queue = self.frame.longest_queue.max(waiting as u32);
+                        buffers.into_iter().flatten().for_each(|buffer| self.master.recycle(buffer));
+                    }
                     Err(_) => {
                         tracing::warn!("{}: closed: it does not read", link.address);
                         self.links.remove(&peer).into_iter().for_each(|link| self.end(link, "it does not read"));
@@ -549,7 +580,7 @@ impl Service {
             return;
         }
         self.sets.iter_mut().for_each(VisibleSet::clear);
-        let before_cull = Instant::now();
+        let before_cull = std::time::Instant::now();
         tracing::debug_span!("cull").in_scope(|| (self.show.cull)(&pose, &mut self.sets));
         self.frame.cull = before_cull.elapsed();
         let input = FrameInput {
@@ -563,10 +594,10 @@ impl Service {
             budgets: &pose.budgets,
         };
         let _send = tracing::debug_span!("send").entered();
-        let mut before = Instant::now();
+        let mut before = std::time::Instant::now();
         (self.frame.diff, self.frame.encode) = (Duration::ZERO, Duration::ZERO);
         self.master.begin_frame(&input, self.started.elapsed(), &mut |stage| {
-            let now = Instant::now();
+            let now = std::time::Instant::now();
             let took = match stage {
                 Stage::Diff => &mut self.frame.diff,
                 Stage::Encode => &mut self.frame.encode,
@@ -596,7 +627,9 @@ impl Service {
         for node in &frame.passed_over {
             tracing::info!("frame {}: passed over node {:?}", frame.number, self.show.wall.nodes()[usize::from(node.0)].name);
         }
+        frame.open = self.tasks.len() as u32;
         (self.show.observer)(frame);
+        frame.longest_queue = 0;
     }
 }
 

@@ -8,11 +8,10 @@ use mullion_common::scene::ObjectId;
 use mullion_common::wire::{
     ALIVE_EVERY, Bye, ByeCode, MAX_TO_TILE_BYTES, Moved, Opening, SectionRef, StandbyHello, Stats, ToMaster, ToStandby, WireError,
 };
-use tokio::net::{TcpListener, TcpStream};
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, sleep, timeout, timeout_at};
 
 use super::connection::{framed, write_all};
-use super::transport::Writer;
+use super::network::{Connector, Listener, Socket, Writer};
 use super::{NodeEvent, ServiceError, Show, stopped};
 use crate::master::TELL_STANDBYS_EVERY;
 
@@ -44,7 +43,7 @@ enum Parting {
 ///
 /// Nodes that come meanwhile are turned away by closing their connections: they try their other masters.
 pub(super) async fn stand_by(
-    listener: &TcpListener,
+    listener: &impl Listener,
     master: &str,
     show: &mut Show,
     sections: &[SectionRef],
@@ -52,9 +51,11 @@ pub(super) async fn stand_by(
     let hello = StandbyHello::of(&show.wall, sections).map_err(std::io::Error::other)?;
     let mut known = Known::default();
     let mut stop = show.stop.clone();
+    let connector = show.options.connector.clone();
     (show.node_observer)(&NodeEvent::StandingBy);
     let reason = tokio::select! {
-        parting = follow(master, &hello, &mut known) => match parting {
+        biased;
+        parting = follow(&connector, master, &hello, &mut known) => match parting {
             Parting::Bye(bye) if bye.code == ByeCode::EndOfShow => return Ok(None),
             Parting::Bye(bye) => return Err(ServiceError::Standby(bye)),
             Parting::Lost(reason) => reason,
@@ -67,7 +68,7 @@ pub(super) async fn stand_by(
     Ok(Some(inherited))
 }
 
-async fn turn_away(listener: &TcpListener) {
+async fn turn_away(listener: &impl Listener) {
     loop {
         if listener.accept().await.is_err() {
             sleep(TRY_EVERY).await; // out of descriptors, most often
@@ -90,13 +91,12 @@ impl Known {
 }
 
 /// Follows the master until it says goodbye, or is gone. A master that was never there is waited for: the standby may be started first.
-async fn follow(master: &str, hello: &StandbyHello, known: &mut Known) -> Parting {
+async fn follow(connector: &Connector, master: &str, hello: &StandbyHello, known: &mut Known) -> Parting {
     let mut lost: Option<(Instant, String)> = None;
     loop {
-        let attempt = async { TcpStream::connect(master).await.map_err(|e| e.to_string()) };
-        let parting = match timeout(SILENCE, attempt).await {
-            Ok(Ok(stream)) => converse(stream, hello, known, &mut lost).await,
-            Ok(Err(error)) => Parting::Lost(error),
+        let parting = match timeout(SILENCE, connector.connect(master)).await {
+            Ok(Ok(socket)) => converse(socket, hello, known, &mut lost).await,
+            Ok(Err(error)) => Parting::Lost(error.to_string()),
             Err(_) => Parting::Lost("no answer".into()),
         };
         match parting {
@@ -117,23 +117,23 @@ async fn follow(master: &str, hello: &StandbyHello, known: &mut Known) -> Partin
 }
 
 /// One connection. `lost` is emptied once the master has said something on it.
-async fn converse(stream: TcpStream, hello: &StandbyHello, known: &mut Known, lost: &mut Option<(Instant, String)>) -> Parting {
+async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost: &mut Option<(Instant, String)>) -> Parting {
     let gone = |error: std::io::Error| Parting::Lost(error.to_string());
-    if let Err(error) = stream.set_nodelay(true) {
-        return gone(error);
-    }
-    let (reader, writer) = stream.into_split();
-    let mut bodies = framed(Box::new(reader), MAX_TO_TILE_BYTES);
-    let mut writer: Writer = Box::new(writer);
+    let Socket { reader, mut writer } = socket;
+    let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
     let mut buffer = Vec::new();
     let hello = Opening::Standby(*hello);
     if let Err(error) = write(&mut writer, &mut buffer, |out| hello.encode(out)).await {
         return gone(error);
     }
     let mut beat = tokio::time::interval(ALIVE_EVERY);
+    let mut heard = Instant::now();
     loop {
         let answer = tokio::select! {
-            body = timeout(SILENCE, bodies.next()) => {
+            biased;
+            _ = beat.tick() => ToMaster::Stats(Stats::default()),
+            body = timeout_at(heard + SILENCE, bodies.next()) => {
+                heard = Instant::now();
                 let body = match body {
                     Ok(Some(Ok(body))) => body,
                     Ok(Some(Err(error))) => return gone(error),
@@ -155,7 +155,6 @@ async fn converse(stream: TcpStream, hello: &StandbyHello, known: &mut Known, lo
                     Err(error) => return Parting::Lost(format!("the master sent what is no message: {error}")),
                 }
             }
-            _ = beat.tick() => ToMaster::Stats(Stats::default()),
         };
         if let Err(error) = write(&mut writer, &mut buffer, |out| answer.encode(out)).await {
             return gone(error);

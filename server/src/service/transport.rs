@@ -12,14 +12,10 @@ use rustls::version::TLS13;
 use rustls::{CertificateError, RootCertStore, ServerConfig};
 use thiserror::Error;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
-use tokio::net::TcpStream;
 use tokio::time::timeout;
 use tokio_rustls::TlsAcceptor;
 
-/// What a peer says.
-pub(super) type Reader = Box<dyn AsyncRead + Send + Unpin>;
-/// What a peer is told.
-pub(super) type Writer = Box<dyn AsyncWrite + Send + Unpin>;
+use super::network::{Reader, Socket, Writer};
 
 /// The first byte that whoever speaks TLS sends. No greeting of ours is so short: it is the low byte of a length.
 const TLS_HANDSHAKE: u8 = 22;
@@ -91,32 +87,30 @@ pub(super) struct Admitted {
 ///
 /// # Errors
 /// With the reason, where the connection is of no use. It is closed by then.
-pub(super) async fn admit(stream: TcpStream, security: &Security) -> Result<Admitted, String> {
+pub(super) async fn admit(socket: Socket, security: &Security) -> Result<Admitted, String> {
     match security {
-        Security::Plain => {
-            // The socket's halves share nothing, and none waits for the other.
-            let (reader, writer) = stream.into_split();
-            Ok(Admitted { reader: Box::new(reader), writer: Box::new(writer), identity: None })
-        }
-        Security::Tls(MasterTls(acceptor)) => match timeout(OPENING_LIMIT, shake_hands(stream, acceptor)).await {
+        Security::Plain => Ok(Admitted { reader: socket.reader, writer: socket.writer, identity: None }),
+        Security::Tls(MasterTls(acceptor)) => match timeout(OPENING_LIMIT, shake_hands(socket, acceptor)).await {
             Ok(result) => result,
             Err(_) => Err(format!("no TLS handshake within {} s", OPENING_LIMIT.as_secs())),
         },
     }
 }
 
-async fn shake_hands(stream: TcpStream, acceptor: &TlsAcceptor) -> Result<Admitted, String> {
+async fn shake_hands(socket: Socket, acceptor: &TlsAcceptor) -> Result<Admitted, String> {
+    let Socket { mut reader, writer } = socket;
     let mut first = [0];
-    match stream.peek(&mut first).await {
+    match reader.read(&mut first).await {
         Ok(1..) if first[0] != TLS_HANDSHAKE => {
-            let _ = refuse_plainly(stream).await; // it is refused either way
+            let _ = refuse_plainly(tokio::io::join(reader, writer)).await; // it is refused either way
             return Err("it does not speak TLS".into());
         }
         Ok(1..) => {}
         Ok(0) => return Err("it ended before it said anything".into()),
         Err(error) => return Err(error.to_string()),
     }
-    match acceptor.accept(stream).into_fallible().await {
+    let whole = io::Cursor::new(first).chain(reader);
+    match acceptor.accept(tokio::io::join(whole, writer)).into_fallible().await {
         Ok(stream) => {
             let certificate = stream.get_ref().1.peer_certificates().and_then(<[_]>::first);
             let bearer = certificate.ok_or(IdentityError::NoBearer).and_then(Bearer::of_certificate);
@@ -133,7 +127,7 @@ async fn shake_hands(stream: TcpStream, acceptor: &TlsAcceptor) -> Result<Admitt
 }
 
 /// A node that knows nothing of certificates reads this.
-async fn refuse_plainly(mut stream: TcpStream) -> io::Result<()> {
+async fn refuse_plainly(mut stream: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<()> {
     let reason = "this master takes nodes with certificates only: start the node with --identity, and the file that `mullion enroll` \
                   wrote for it";
     let mut bytes = Vec::new();
@@ -143,7 +137,7 @@ async fn refuse_plainly(mut stream: TcpStream) -> io::Result<()> {
 }
 
 /// A peer that is still writing must not lose our last words to a reset: reads on for a moment.
-async fn end(mut stream: TcpStream) -> io::Result<()> {
+async fn end(mut stream: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<()> {
     stream.shutdown().await?;
     let mut waste = [0; 1024];
     let drain = async { while matches!(stream.read(&mut waste).await, Ok(1..)) {} };
