@@ -12,13 +12,14 @@ use std::time::{Duration, Instant};
 
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{
-    self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, Security,
+    self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, NodeTls, PaintError, Reconnect, Security,
 };
-use mullion_client::tile_session::{DrawStats, FrameToDraw};
-use mullion_common::scene::{ChunkId, SceneManifest};
-use mullion_common::wire::{Moved, Part, ViewSpec};
+use mullion_client::tile_session::FrameToDraw;
+use mullion_common::identity::IdentityFile;
+use mullion_common::wire::{Part, ViewSpec};
 use mullion_server::generate::{GeneratedScene, write_glb};
-use support::Process;
+use support::painter::{Blank, Witness};
+use support::{Process, mullion};
 use tokio::sync::watch;
 
 const LIMIT: Duration = Duration::from_secs(60);
@@ -28,39 +29,25 @@ const NODES: [&str; 4] = ["t0x0", "t1x0", "t0x1", "t1x1"];
 /// Which tile, which frame, and when.
 type Shows = Arc<Mutex<Vec<(String, u64, Instant)>>>;
 
-/// Draws nothing, and notes what it shows.
+/// Notes what a node shows.
 struct Notes {
     shows: Shows,
     tile: String,
 }
 
-impl Painter for Notes {
-    fn open_scene(&mut self, _: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError> {
+impl Witness for Notes {
+    fn opens(&mut self, views: &[ViewSpec]) {
         self.tile.clone_from(&views[0].tile_name);
-        Ok(())
     }
 
-    fn upload(&mut self, _: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
-        Ok(bytes.len() as u64)
-    }
-
-    fn evict(&mut self, _: ChunkId) -> Result<(), PaintError> {
-        Ok(())
-    }
-
-    fn set_transform(&mut self, _: &Moved) -> Result<(), PaintError> {
-        Ok(())
-    }
-
-    fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
+    fn draws(&mut self, frame: &FrameToDraw) -> Result<(), PaintError> {
         let expected_s = frame.number as f64 / 60.0;
         assert!((frame.scene_time_s - expected_s).abs() < 1e-9, "the scene's time goes on with the frames: {frame:?}");
-        Ok(DrawStats::default())
+        Ok(())
     }
 
-    fn show(&mut self, frame: u64) -> Result<(), PaintError> {
+    fn shows(&mut self, frame: u64) {
         self.shows.lock().unwrap().push((self.tile.clone(), frame, Instant::now()));
-        Ok(())
     }
 }
 
@@ -73,6 +60,10 @@ struct Node {
 
 impl Node {
     fn start(name: &str, part: Part, masters: &[&str]) -> Self {
+        Self::secured(name, part, masters, Security::Plain)
+    }
+
+    fn secured(name: &str, part: Part, masters: &[&str], security: Security) -> Self {
         let shows = Shows::default();
         let (stop, stopped) = watch::channel(false);
         let options = NodeOptions {
@@ -80,14 +71,14 @@ impl Node {
             node: name.to_owned(),
             part,
             credentials: None,
-            security: Security::Plain,
+            security,
             memory_bytes: DEFAULT_MEMORY_BYTES,
             when_missing: WhenMissing::Hold,
             cache: None,
             reconnect: Reconnect { give_up_after: Some(LIMIT), ..Reconnect::default() },
             stop: Some(stopped),
         };
-        let mut painter = Notes { shows: Arc::clone(&shows), tile: String::new() };
+        let mut painter = Blank(Notes { shows: Arc::clone(&shows), tile: String::new() });
         Self { shows, stop, thread: std::thread::spawn(move || node::run(options, &mut painter)) }
     }
 
@@ -212,6 +203,38 @@ fn a_spare_shows_what_a_missing_tile_would_until_that_one_is_back() {
     // Its place is taken: it waits again.
     master.error_line(&["node attic joined"], master.err.lines().len().saturating_sub(3), LIMIT);
     owner.end();
+    nodes.into_iter().for_each(Node::end);
+    spare.end();
+}
+
+#[test]
+fn with_certificates_a_standby_takes_over_and_a_spare_stands_in() {
+    let folder = prepared();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let done = mullion(&["enroll", &path("wall.toml"), "--out", &path("ids"), "--spares", "1", "--standbys", "1"], LIMIT);
+    assert_eq!(done.code, Some(0), "{}", done.err);
+    let shown = |file: &str| {
+        let text = std::fs::read(folder.path().join("ids").join(file)).expect("enrolled");
+        Security::Tls(NodeTls::new(IdentityFile::parse(&text).expect("an identity")).expect("of a node or a spare"))
+    };
+    let mut master = serve(folder.path(), "127.0.0.1:0", &["--identity", &path("ids/master.pem")]);
+    let address = support::address_of(&mut master);
+    let of_standby = ["--standby-of", &address, "--identity", &path("ids/standbys/standby-1.pem")];
+    let mut standby = serve(folder.path(), "127.0.0.1:0", &of_standby);
+    let heir = support::address_of(&mut standby);
+    master.error_line(&["standby joined"], 0, LIMIT);
+    let started = Instant::now();
+    let masters = [address.as_str(), &heir];
+    let start = |name: &&str| Node::secured(name, Part::Own, &masters, shown(&format!("nodes/{name}.pem")));
+    let nodes: Vec<Node> = NODES[1..].iter().map(start).collect();
+    nodes.iter().for_each(|node| drop(node.shows(20, started)));
+
+    master.kill();
+    let killed = Instant::now();
+    let spare = Node::secured("spare-1", Part::Spare, &masters, shown("spares/spare-1.pem"));
+    nodes.iter().for_each(|node| drop(node.shows(20, killed)));
+    assert!(spare.shows(10, killed).iter().all(|(tile, ..)| tile == NODES[0]), "the place that is empty");
+    standby.error_line(&["spare spare-1 takes the place of node t0x0"], 0, LIMIT);
     nodes.into_iter().for_each(Node::end);
     spare.end();
 }

@@ -5,15 +5,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
+use mullion_common::identity::{Bearer, NodeIdentity};
 use mullion_common::scene::{ObjectId, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
-    ALIVE_EVERY, ByeCode, Course, Hello, Moved, Opening, Part, Ping, SILENCE_LIMIT, StandbyHello, Stats, ToMaster, ToStandby,
-    ToTile, body_of,
+    ALIVE_EVERY, ByeCode, ChunkHello, Course, Hello, Moved, Opening, Part, Ping, SILENCE_LIMIT, StandbyHello, Stats, ToMaster,
+    ToStandby, ToTile, body_of,
 };
 use mullion_server::master::{
-    FrameInput, MAX_STANDBYS, Master, MasterOptions, Output, Pace, PeerId, SPARE_AFTER, TAKEOVER_AFTER, TELL_STANDBYS_EVERY,
+    Admission, FrameInput, MAX_STANDBYS, Master, MasterOptions, Output, Pace, PeerId, SPARE_AFTER, TAKEOVER_AFTER,
+    TELL_STANDBYS_EVERY,
 };
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 
@@ -227,4 +229,49 @@ fn a_standby_of_another_show_or_one_too_many_is_told_so() {
     }
     master.handle_timeout(SILENCE_LIMIT);
     assert_eq!(closed(&outputs(&mut master), PeerId(30)), Some(ByeCode::Timeout));
+}
+
+#[test]
+fn with_certificates_everyone_takes_the_part_that_is_theirs_and_no_other() {
+    let node = Bearer::Node(NodeIdentity { name: "t0x0".into(), tiles: vec!["t0x0".into()] });
+    let (attic, shed) = (Bearer::Spare("attic".into()), Bearer::Spare("shed".into()));
+    let namesake = Bearer::Spare("t0x0".into());
+    let hello = |node: &str, part| Opening::Control(Hello { node: node.into(), part, credentials: None, cached: vec![] });
+    let openings = [
+        hello("t0x0", Part::Own),
+        hello("attic", Part::Spare),
+        hello("t0x0", Part::Spare),
+        Opening::Standby(StandbyHello::of(&wall(2), &[]).unwrap()),
+    ];
+    let shown = [None, Some(node.clone()), Some(attic.clone()), Some(shed.clone()), Some(namesake), Some(Bearer::Master)];
+    let allowed = [(1, 0), (2, 1), (4, 2), (5, 3)];
+    for (who, shown) in shown.iter().enumerate() {
+        for (what, opening) in openings.iter().enumerate() {
+            let mut master = master(0).admitting(Admission::ByCertificate);
+            master.handle_connected(NODE, ms(0));
+            shown.iter().for_each(|shown| master.handle_identity(NODE, shown.clone()));
+            master.handle_opening(NODE, opening.clone(), ms(0));
+            let expected = (!allowed.contains(&(who, what))).then_some(ByeCode::Refused);
+            assert_eq!(closed(&outputs(&mut master), NODE), expected, "{shown:?} greets with {opening:?}");
+        }
+    }
+
+    // A spare that has a place fetches chunks for it, and nobody else does, not even whose place it is.
+    let mut master = master(0).admitting(Admission::ByCertificate);
+    let open = |master: &mut Master, peer, shown: &Bearer, opening| {
+        master.handle_connected(peer, ms(0));
+        master.handle_identity(peer, shown.clone());
+        master.handle_opening(peer, opening, ms(0));
+        outputs(master)
+    };
+    open(&mut master, SPARE, &attic, hello("attic", Part::Spare));
+    master.handle_timeout(SPARE_AFTER);
+    let out = outputs(&mut master);
+    let [ToTile::Welcome(welcome), ..] = &sent(&out, SPARE)[..] else { panic!("{out:?}") };
+    let chunks = Opening::Chunks(ChunkHello { session: welcome.session });
+    for (peer, shown) in [(40, &node), (41, &shed), (42, &Bearer::Master)] {
+        let out = open(&mut master, PeerId(peer), shown, chunks.clone());
+        assert_eq!((closed(&out, PeerId(peer)), closed(&out, SPARE)), (Some(ByeCode::Refused), None), "{shown:?}");
+    }
+    assert_eq!(open(&mut master, PeerId(43), &attic, chunks), [Output::ServeChunks { peer: PeerId(43) }]);
 }

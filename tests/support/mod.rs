@@ -1,7 +1,9 @@
 //! What several integration tests need.
 #![allow(dead_code)] // each test uses its part
 
+pub mod painter;
 pub mod random;
+pub mod relay;
 
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read};

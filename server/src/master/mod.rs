@@ -13,13 +13,14 @@ mod history;
 mod outbox;
 mod spares;
 mod standbys;
+mod standing;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
-use mullion_common::identity::NodeIdentity;
+use mullion_common::identity::Bearer;
 use mullion_common::scene::ChunkHash;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
@@ -28,8 +29,9 @@ use mullion_common::wire::{
     PROTOCOL_VERSION, Part, Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
 };
 
-use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, Standing, SwapBarrier};
+use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, SwapBarrier};
 pub use admission::Admission;
+use admission::Claim;
 use history::History;
 pub use outbox::{Full, Kind, MAX_QUEUED, Message, Outbox};
 pub use spares::SPARE_AFTER;
@@ -172,7 +174,7 @@ enum Peer {
     /// With whom its certificate is for.
     Unnamed {
         deadline: Duration,
-        identity: Option<NodeIdentity>,
+        identity: Option<Bearer>,
     },
     Node(NodeIndex),
     Chunks(NodeIndex),
@@ -205,6 +207,8 @@ struct NodeState {
 struct Connection {
     peer: PeerId,
     holder: Holder,
+    /// Whom its certificate is for.
+    identity: Option<Bearer>,
     chunk_peer: Option<PeerId>,
     session: u64,
     heard: Duration,
@@ -461,43 +465,8 @@ impl Master {
         }
     }
 
-    /// How many nodes are connected.
-    pub fn connected(&self) -> usize {
-        self.nodes.iter().filter(|n| n.connection.is_some()).count()
-    }
-
-    /// What a node is to the barrier.
-    pub fn standing(&self, node: NodeIndex) -> Standing {
-        self.barrier.standing(node)
-    }
-
-    /// Bytes of each node's last frame message, by `NodeIndex`; 0 for one that is not connected.
-    pub fn frame_bytes(&self) -> impl ExactSizeIterator<Item = u32> + '_ {
-        self.nodes.iter().map(|n| n.frame_bytes)
-    }
-
-    /// How often each node was passed over, by `NodeIndex`.
-    pub fn times_passed_over(&self) -> impl ExactSizeIterator<Item = u64> + '_ {
-        self.nodes.iter().map(|n| n.passed_over)
-    }
-
-    /// What each node last said of itself, by `NodeIndex`.
-    pub fn stats(&self) -> impl ExactSizeIterator<Item = Stats> + '_ {
-        self.nodes.iter().map(|n| n.stats)
-    }
-
-    /// What the node of a connection is called.
-    pub fn name_of(&self, peer: PeerId) -> Option<&str> {
-        match self.peers.get(&peer)? {
-            Peer::Unnamed { .. } => None,
-            Peer::Spare => self.spare_name(peer),
-            Peer::Standby => Some("standby"),
-            Peer::Node(node) | Peer::Chunks(node) => Some(&self.nodes[usize::from(node.0)].name),
-        }
-    }
-
     fn greet(&mut self, peer: PeerId, hello: &Hello, now: Duration) {
-        if let Err(bye) = self.admit(peer, &hello.node) {
+        if let Err(bye) = self.admit(peer, Claim::Node(&hello.node)) {
             return self.dismiss(peer, bye);
         }
         let Some(index) = self.nodes.iter().position(|n| n.name == hello.node) else {
@@ -518,15 +487,16 @@ impl Master {
             };
             self.dismiss(old_peer, bye);
         }
-        self.seat(peer, NodeIndex(index as u16), Holder::Own, now);
+        let identity = self.shown_by(peer).cloned();
+        self.seat((peer, identity), NodeIndex(index as u16), Holder::Own, now);
     }
 
-    /// Gives a node's place to a connection.
-    fn seat(&mut self, peer: PeerId, node: NodeIndex, holder: Holder, now: Duration) {
+    /// Gives a node's place to a connection, with what it has shown.
+    fn seat(&mut self, (peer, identity): (PeerId, Option<Bearer>), node: NodeIndex, holder: Holder, now: Duration) {
         let index = usize::from(node.0);
         let session = self.new_session();
         self.peers.insert(peer, Peer::Node(node));
-        let connection = Connection { peer, holder, chunk_peer: None, session, heard: now, said: now, acked: None };
+        let connection = Connection { peer, holder, identity, chunk_peer: None, session, heard: now, said: now, acked: None };
         self.nodes[index].connection = Some(connection);
         self.barrier.join(node);
         let welcome = Welcome {
@@ -548,7 +518,8 @@ impl Master {
         let Some(index) = self.nodes.iter().position(is_meant) else {
             return self.dismiss(peer, Bye::new(ByeCode::UnknownSession, "no node here has that session number"));
         };
-        if let Err(bye) = self.admit(peer, &self.nodes[index].name) {
+        let holder = self.nodes[index].connection.as_ref().and_then(|c| c.identity.as_ref());
+        if let Err(bye) = self.admit(peer, Claim::ChunksOf(&self.nodes[index].name, holder)) {
             return self.dismiss(peer, bye);
         }
         let Some(connection) = &mut self.nodes[index].connection else { return };

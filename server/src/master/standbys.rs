@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use mullion_common::wire::{Bye, ByeCode, SILENCE_LIMIT, StandbyHello, ToMaster, ToStandby, WireError};
 
-use super::{Admission, Kind, Master, Message, Output, Peer, PeerId};
+use super::admission::Claim;
+use super::{Kind, Master, Message, Output, Peer, PeerId};
 
 /// Most standbys at once.
 pub const MAX_STANDBYS: usize = 2;
@@ -22,9 +23,8 @@ pub(super) struct Standby {
 
 impl Master {
     pub(super) fn greet_standby(&mut self, peer: PeerId, hello: &StandbyHello, now: Duration) {
-        if self.admission == Admission::ByCertificate {
-            let reason = "this master takes nodes with certificates only, and a standby has none";
-            return self.dismiss(peer, Bye::new(ByeCode::Refused, reason));
+        if let Err(bye) = self.admit(peer, Claim::Master) {
+            return self.dismiss(peer, bye);
         }
         let refusal = match StandbyHello::of(&self.wall, &self.options.sections) {
             Err(error) => Some((ByeCode::Failed, error.to_string())),

@@ -5,14 +5,15 @@ use std::time::Duration;
 
 use futures_util::StreamExt;
 use mullion_common::scene::ObjectId;
+use mullion_common::tls::describe;
 use mullion_common::wire::{
     ALIVE_EVERY, Bye, ByeCode, MAX_TO_TILE_BYTES, Moved, Opening, SectionRef, StandbyHello, Stats, ToMaster, ToStandby, WireError,
 };
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::time::{Instant, sleep, timeout};
 
 use super::connection::{framed, write_all};
-use super::transport::Writer;
+use super::transport::{Reader, Security, Writer, connect};
 use super::{NodeEvent, ServiceError, Show, stopped};
 use crate::master::TELL_STANDBYS_EVERY;
 
@@ -52,9 +53,10 @@ pub(super) async fn stand_by(
     let hello = StandbyHello::of(&show.wall, sections).map_err(std::io::Error::other)?;
     let mut known = Known::default();
     let mut stop = show.stop.clone();
+    let security = show.options.security.clone();
     (show.node_observer)(&NodeEvent::StandingBy);
     let reason = tokio::select! {
-        parting = follow(master, &hello, &mut known) => match parting {
+        parting = follow(master, &security, &hello, &mut known) => match parting {
             Parting::Bye(bye) if bye.code == ByeCode::EndOfShow => return Ok(None),
             Parting::Bye(bye) => return Err(ServiceError::Standby(bye)),
             Parting::Lost(reason) => reason,
@@ -90,13 +92,12 @@ impl Known {
 }
 
 /// Follows the master until it says goodbye, or is gone. A master that was never there is waited for: the standby may be started first.
-async fn follow(master: &str, hello: &StandbyHello, known: &mut Known) -> Parting {
+async fn follow(master: &str, security: &Security, hello: &StandbyHello, known: &mut Known) -> Parting {
     let mut lost: Option<(Instant, String)> = None;
     loop {
-        let attempt = async { TcpStream::connect(master).await.map_err(|e| e.to_string()) };
-        let parting = match timeout(SILENCE, attempt).await {
-            Ok(Ok(stream)) => converse(stream, hello, known, &mut lost).await,
-            Ok(Err(error)) => Parting::Lost(error),
+        let parting = match timeout(SILENCE, connect(master, security)).await {
+            Ok(Ok(ends)) => converse(ends, hello, known, &mut lost).await,
+            Ok(Err(error)) => Parting::Lost(describe(&error)),
             Err(_) => Parting::Lost("no answer".into()),
         };
         match parting {
@@ -117,14 +118,14 @@ async fn follow(master: &str, hello: &StandbyHello, known: &mut Known) -> Partin
 }
 
 /// One connection. `lost` is emptied once the master has said something on it.
-async fn converse(stream: TcpStream, hello: &StandbyHello, known: &mut Known, lost: &mut Option<(Instant, String)>) -> Parting {
-    let gone = |error: std::io::Error| Parting::Lost(error.to_string());
-    if let Err(error) = stream.set_nodelay(true) {
-        return gone(error);
-    }
-    let (reader, writer) = stream.into_split();
-    let mut bodies = framed(Box::new(reader), MAX_TO_TILE_BYTES);
-    let mut writer: Writer = Box::new(writer);
+async fn converse(
+    (reader, mut writer): (Reader, Writer),
+    hello: &StandbyHello,
+    known: &mut Known,
+    lost: &mut Option<(Instant, String)>,
+) -> Parting {
+    let gone = |error: std::io::Error| Parting::Lost(describe(&error));
+    let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
     let mut buffer = Vec::new();
     let hello = Opening::Standby(*hello);
     if let Err(error) = write(&mut writer, &mut buffer, |out| hello.encode(out)).await {
