@@ -4,12 +4,13 @@
 
 mod support;
 
-use std::net::TcpListener;
+use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{
     self, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, NodeTls, PaintError, Reconnect, Security,
@@ -17,6 +18,7 @@ use mullion_client::node::{
 use mullion_client::tile_session::FrameToDraw;
 use mullion_common::identity::IdentityFile;
 use mullion_common::wire::{Part, ViewSpec};
+use mullion_control::{CameraAt, Command, Control, Error, ObjectNumber, Reason, Steps, TileBudget};
 use mullion_server::generate::{GeneratedScene, write_glb};
 use support::painter::{Blank, Witness};
 use support::{Process, mullion};
@@ -32,6 +34,7 @@ type Shows = Arc<Mutex<Vec<(String, u64, Instant)>>>;
 /// Notes what a node shows.
 struct Notes {
     shows: Shows,
+    last: Arc<Mutex<Option<FrameToDraw>>>,
     tile: String,
 }
 
@@ -41,8 +44,7 @@ impl Witness for Notes {
     }
 
     fn draws(&mut self, frame: &FrameToDraw) -> Result<(), PaintError> {
-        let expected_s = frame.number as f64 / 60.0;
-        assert!((frame.scene_time_s - expected_s).abs() < 1e-9, "the scene's time goes on with the frames: {frame:?}");
+        *self.last.lock().unwrap() = Some(frame.clone());
         Ok(())
     }
 
@@ -54,6 +56,7 @@ impl Witness for Notes {
 /// A node on a thread; stopped and waited for when it is ended.
 struct Node {
     shows: Shows,
+    last: Arc<Mutex<Option<FrameToDraw>>>,
     stop: watch::Sender<bool>,
     thread: JoinHandle<Result<NodeReport, NodeError>>,
 }
@@ -78,8 +81,9 @@ impl Node {
             reconnect: Reconnect { give_up_after: Some(LIMIT), ..Reconnect::default() },
             stop: Some(stopped),
         };
-        let mut painter = Blank(Notes { shows: Arc::clone(&shows), tile: String::new() });
-        Self { shows, stop, thread: std::thread::spawn(move || node::run(options, &mut painter)) }
+        let last = Arc::default();
+        let mut painter = Blank(Notes { shows: Arc::clone(&shows), last: Arc::clone(&last), tile: String::new() });
+        Self { shows, last, stop, thread: std::thread::spawn(move || node::run(options, &mut painter)) }
     }
 
     /// What it showed from `since` on.
@@ -98,6 +102,11 @@ impl Node {
             assert!(Instant::now() < deadline, "{} frames shown within {LIMIT:?}, not {frames}", shown.len());
             std::thread::sleep(Duration::from_millis(2));
         }
+    }
+
+    /// The last frame that it drew.
+    fn last(&self) -> FrameToDraw {
+        self.last.lock().unwrap().clone().expect("it has drawn")
     }
 
     fn end(self) {
@@ -155,9 +164,75 @@ fn a_standby_goes_on_where_the_master_died() {
         node.shows(20, killed);
         let frames: Vec<u64> = node.shown_since(started).iter().map(|(_, frame, _)| *frame).collect();
         assert!(frames.windows(2).all(|pair| pair[0] < pair[1]), "the heir counts on: {frames:?}");
+        let last = node.last();
+        assert!(
+            (last.scene_time_s - last.number as f64 / 60.0).abs() < 1e-9,
+            "the scene's time goes on with the frames: {last:?}"
+        );
     }
     standby.error_line(&["is gone", "going on from frame"], 0, LIMIT);
     nodes.into_iter().for_each(Node::end);
+}
+
+/// Where a `serve --control` is steered.
+fn control_of(serve: &mut Process) -> Control {
+    let line = serve.out_line("steer it at:", LIMIT);
+    let address = line
+        .trim_start_matches("steer it at:")
+        .trim()
+        .trim_start_matches("http://")
+        .trim_end_matches("/status")
+        .parse::<SocketAddr>();
+    Control::connect(address.expect("an address")).expect("it listens")
+}
+
+#[test]
+fn a_standby_takes_over_what_was_steered() {
+    let folder = prepared();
+    let steered = ["--control", "127.0.0.1:0"];
+    let mut master = serve(folder.path(), "127.0.0.1:0", &steered);
+    let address = support::address_of(&mut master);
+    let mut standby = serve(folder.path(), "127.0.0.1:0", &[&steered[..], &["--standby-of", &address]].concat());
+    let heir = support::address_of(&mut standby);
+    master.error_line(&["standby joined"], 0, LIMIT);
+    let started = Instant::now();
+    let node = Node::start(NODES[0], Part::Own, &[&address, &heir]);
+    node.shows(5, started);
+    let (mut control, mut of_heir) = (control_of(&mut master), control_of(&mut standby));
+
+    let camera = Command::Camera(CameraAt { translation: [3.0, 1.0, 60.0], rotation: [0.0, 0.0, 0.0, 1.0], scale: 1.0 });
+    let budget = Command::Budget(TileBudget { triangles: Some(1000), ..TileBudget::default() });
+    let eye = [0.05, 0.1, 1.7];
+    let commands = [camera, budget, Command::Eyes(vec![eye]), Command::Remove(ObjectNumber { object: 0 }), Command::Pause];
+    for refused in [of_heir.send(&commands).err(), of_heir.why("0", "t0x0").err(), of_heir.tiles("0").err()] {
+        assert!(matches!(&refused, Some(Error::Refused(reason)) if reason.contains("stands by")), "{refused:?}");
+    }
+    let steered_in = control.send(&commands).expect("taken");
+    while control.next_status().expect("it runs").frame < steered_in + 5 {}
+    let held = control.status().clone();
+    assert!(held.is_paused && !held.is_standing_by);
+
+    master.kill();
+    let killed = Instant::now();
+    node.shows(20, killed);
+    let status = of_heir.next_status().expect("it drives").clone();
+    assert!(status.frame > held.frame && status.is_paused && !status.is_standing_by, "{status:?}");
+    assert_eq!(status.path_frame, held.path_frame, "the path waits where it was held");
+    let last = node.last();
+    assert_eq!(last.world_from_room.translation, DVec3::new(3.0, 1.0, 60.0));
+    assert_eq!((last.views[0].eye, last.views[0].budget.triangles), (DVec3::from(eye), Some(1000)));
+    let why = of_heir.why("0", "t0x0").expect("it answers");
+    assert!(why.frame > held.frame, "{} is of the frames that go on after {}", why.frame, held.frame);
+    assert!(why.leaf_count > 0 && why.leaves.iter().all(|leaf| leaf.views == [Reason::Removed]), "{why:?}");
+
+    of_heir.send(&[Command::Step(Steps { frames: 4 })]).expect("it takes commands");
+    while of_heir.next_status().expect("it runs").path_frame < held.path_frame + 4 {}
+    of_heir.send(&[Command::Resume, Command::FollowPath, Command::Add(ObjectNumber { object: 0 })]).expect("it takes commands");
+    while of_heir.next_status().expect("it runs").path_frame < held.path_frame + 20 {}
+    assert!(!of_heir.status().is_paused);
+    let why = of_heir.why("0", "t0x0").expect("it answers");
+    assert!(why.leaves.iter().all(|leaf| leaf.views != [Reason::Removed]), "{why:?}");
+    node.end();
 }
 
 #[test]

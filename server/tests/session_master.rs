@@ -9,8 +9,8 @@ use mullion_common::identity::{Bearer, NodeIdentity};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
-    ALIVE_EVERY, ByeCode, ChunkHello, Hello, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, SILENCE_LIMIT, Stats, ToMaster,
-    ToTile, body_of,
+    ALIVE_EVERY, ByeCode, ChunkHello, Hello, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, SILENCE_LIMIT, Stats, Steering,
+    ToMaster, ToTile, body_of,
 };
 use mullion_server::master::{Admission, FrameInput, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, TAKEOVER_AFTER};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
@@ -66,6 +66,8 @@ fn begin(master: &mut Master, number: u64, now: Duration) {
         sets: &[VisibleSet::all(5), VisibleSet::default()],
         moved: &[],
         budgets: &[],
+        presence: &[],
+        steering: Steering::default(),
     };
     master.begin_frame(&input, now, &mut |_| {});
 }

@@ -6,12 +6,12 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_common::identity::{Bearer, NodeIdentity};
-use mullion_common::scene::{ObjectId, Transform};
+use mullion_common::scene::{ObjectId, Presence, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
-    ALIVE_EVERY, ByeCode, ChunkHello, Course, Hello, Moved, Opening, Part, Ping, SILENCE_LIMIT, StandbyHello, Stats, ToMaster,
-    ToStandby, ToTile, body_of,
+    ALIVE_EVERY, Budget, ByeCode, ChunkHello, Course, Hello, Moved, Opening, Part, Ping, SILENCE_LIMIT, StandbyHello, Stats,
+    Steering, ToMaster, ToStandby, ToTile, body_of,
 };
 use mullion_server::master::{
     Admission, FrameInput, MAX_STANDBYS, Master, MasterOptions, Output, Pace, PeerId, SPARE_AFTER, TAKEOVER_AFTER,
@@ -82,6 +82,16 @@ fn moved(object: u32, x: f64) -> Moved {
 }
 
 fn begin(master: &mut Master, number: u64, moved: &[Moved], now: Duration) -> Vec<Output> {
+    begin_steered(master, number, moved, (&[], Steering::default(), &[]), now)
+}
+
+fn begin_steered(
+    master: &mut Master,
+    number: u64,
+    moved: &[Moved],
+    (presence, steering, budgets): (&[(ObjectId, Presence)], Steering, &[Budget]),
+    now: Duration,
+) -> Vec<Output> {
     master.handle_timeout(now);
     let input = FrameInput {
         number,
@@ -91,7 +101,9 @@ fn begin(master: &mut Master, number: u64, moved: &[Moved], now: Duration) -> Ve
         shared_eye: DVec3::Z,
         sets: &[VisibleSet::all(5), VisibleSet::default()],
         moved,
-        budgets: &[],
+        budgets,
+        presence,
+        steering,
     };
     master.begin_frame(&input, now, &mut |_| {});
     outputs(master)
@@ -214,6 +226,34 @@ fn a_standby_hears_of_every_frame_and_of_all_that_moved() {
     let mut second = master(3);
     second.handle_timeout(ms(0));
     assert_eq!(outputs(&mut second), [Output::WantFrame { number: 3 }], "the heir counts on");
+}
+
+#[test]
+fn a_standby_hears_how_the_show_is_steered_and_what_came_and_went_in_order() {
+    let (there, away) = (Presence::There, Presence::Away);
+    let object = |number| ObjectId(number);
+    let mut first = master(0);
+    // The last word on each counts, and the order of these.
+    let said = [(object(1), away), (object(2), there), (object(1), there), (object(3), away)];
+    begin_steered(&mut first, 0, &[], (&said, Steering::default(), &[]), ms(0));
+    let out = stand_by(&mut first, STANDBY, StandbyHello::of(&wall(2), &[]).unwrap(), ms(1));
+    assert_eq!(courses(&out)[0].presence, [(object(2), there), (object(1), there), (object(3), away)]);
+    first.handle_message(STANDBY, ToMaster::Ready { frame: 0, shown: None }, ms(2));
+    first.handle_timeout(ms(14));
+    let steering = Steering { path_frame: 0, held_after: Some(3), is_off_path: true };
+    let budgets = [Budget { triangles: Some(9), gpu_us: None }, Budget::default()];
+    let out = begin_steered(&mut first, 1, &[], (&[(object(2), away)], steering, &budgets), ms(20));
+    let [course] = &courses(&out)[..] else { panic!("{out:?}") };
+    assert_eq!(
+        (course.base, &course.presence[..]),
+        (Some(0), &[(object(2), away)][..]),
+        "what was acknowledged does not come again"
+    );
+    assert_eq!((course.steering, &course.budgets[..]), (steering, &budgets[..]));
+    // One that comes new hears all of it.
+    first.handle_disconnected(STANDBY, ms(21));
+    let out = stand_by(&mut first, STANDBY, StandbyHello::of(&wall(2), &[]).unwrap(), ms(22));
+    assert_eq!(courses(&out)[0].presence, [(object(1), there), (object(3), away), (object(2), away)]);
 }
 
 #[test]

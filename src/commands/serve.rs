@@ -126,6 +126,7 @@ pub fn run(options: &Options) -> Result<()> {
     let path = path.path(&package, &wall, options.frames)?;
     let (metrics, reader) = Metrics::new(&wall);
     let steered = options.steering.start(path, (&options.path, rate_hz), options.algorithm, &wall, &package, reader)?;
+    show_options.succession = steered.succession;
     let metrics = Arc::new(Mutex::new(metrics));
     let progress = Arc::new(Progress::new());
     let lines = Arc::clone(&progress);

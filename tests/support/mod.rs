@@ -100,6 +100,16 @@ impl Process {
         }
     }
 
+    /// The first line of standard output that begins so.
+    pub fn out_line(&mut self, start: &str, limit: Duration) -> String {
+        let mut found = None;
+        self.until(&format!("line {start:?}"), limit, |process| {
+            found = process.out.lines().into_iter().find(|line| line.starts_with(start));
+            found.is_some()
+        });
+        found.expect("it was just found")
+    }
+
     /// The first line that holds all of `words`, at or after line `from` of standard error, and its number.
     pub fn error_line(&mut self, words: &[&str], from: usize, limit: Duration) -> (usize, String) {
         let mut found = None;

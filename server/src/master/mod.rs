@@ -10,7 +10,9 @@
 
 mod admission;
 mod history;
+mod last_words;
 mod outbox;
+mod rivals;
 mod spares;
 mod standbys;
 mod standing;
@@ -21,18 +23,20 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_common::identity::Bearer;
-use mullion_common::scene::ChunkHash;
+use mullion_common::scene::{ChunkHash, ObjectId, Presence};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 use mullion_common::wire::{
     ALIVE_EVERY, Budget, Bye, ByeCode, ChunkHello, Course, Frame, Hello, Manifest, Moved, OPENING_LIMIT, Opening,
-    PROTOCOL_VERSION, Part, Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
+    PROTOCOL_VERSION, Part, Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, Steering, ToMaster, ToTile, ViewSpec, Welcome,
+    WireError,
 };
 
 use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, SwapBarrier};
 pub use admission::Admission;
 use admission::Claim;
 use history::History;
+pub(crate) use last_words::LastWords;
 pub use outbox::{Full, Kind, MAX_QUEUED, Message, Outbox};
 pub use spares::SPARE_AFTER;
 use spares::Spare;
@@ -96,6 +100,10 @@ pub struct FrameInput<'a> {
     pub moved: &'a [Moved],
     /// What each view may spend; empty: nothing is limited.
     pub budgets: &'a [Budget],
+    /// Objects that come or go with all below them, in this order: for standbys. Nodes are told by what views see.
+    pub presence: &'a [(ObjectId, Presence)],
+    /// How the show is steered: for standbys.
+    pub steering: Steering,
 }
 
 /// What the shell is to do.
@@ -135,6 +143,13 @@ pub enum Output {
         node: NodeIndex,
         /// What the spare calls itself.
         spare: String,
+    },
+    /// Another master says that it drives the wall with more live nodes. If that is so, this one is to stand by for it.
+    Outnumbered {
+        /// Its connection, which is closed next.
+        peer: PeerId,
+        /// Where it listens, at the address that the connection comes from.
+        port: u16,
     },
     /// Call [`Master::begin_frame`] with that number.
     WantFrame {
@@ -331,6 +346,7 @@ impl Master {
                 Opening::Control(hello) if hello.part == Part::Spare => self.greet_spare(peer, &hello, now),
                 Opening::Control(hello) => self.greet(peer, &hello, now),
                 Opening::Standby(hello) => self.greet_standby(peer, &hello, now),
+                Opening::Rival(hello) => self.greet_rival(peer, &hello),
                 Opening::Chunks(hello) => self.open_chunks(peer, hello),
             }
             self.advance(now);
@@ -451,6 +467,12 @@ impl Master {
             self.dismiss(peer, bye.clone());
         }
         self.outputs.push_back(Output::Finished);
+    }
+
+    /// Where the show stands, as a standby that knows nothing is told it; `None` before the first frame.
+    pub fn course(&self) -> Option<Course> {
+        let mut course = Course::default();
+        self.history.course(None, &mut course).then_some(course)
     }
 
     /// What to do next, until there is nothing.

@@ -8,6 +8,7 @@ mod connection;
 mod mailbox;
 mod pose;
 mod standby;
+mod succession;
 mod transport;
 
 use std::collections::BTreeMap;
@@ -22,7 +23,7 @@ use std::time::{Duration, Instant};
 use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES, Moved, Shown, Stats};
+use mullion_common::wire::{Bye, ByeCode, Course, MAX_TILE_SECTION_BYTES, Shown, Stats};
 use thiserror::Error;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{mpsc, oneshot, watch};
@@ -34,7 +35,7 @@ use blobs::Blobs;
 use connection::{Connection, Event, Role};
 use mailbox::Mailbox;
 pub use pose::Pose;
-use standby::Inherited;
+pub use succession::Succession;
 pub use transport::{MasterTls, Security, SecurityError};
 
 /// Events that may wait for the master's loop; beyond, connections are not read.
@@ -70,6 +71,8 @@ pub struct ShowOptions {
     pub rate: Rate,
     /// Host and port of a master to stand by for: the show begins when that one is gone.
     pub standby_of: Option<String>,
+    /// Tells whoever steers the show when this master stands by, and what it goes on from.
+    pub succession: Succession,
 }
 
 impl ShowOptions {
@@ -83,6 +86,7 @@ impl ShowOptions {
             frames: None,
             rate: Rate::Hz(wall.rate_hz()),
             standby_of: None,
+            succession: Succession::default(),
         }
     }
 
@@ -241,9 +245,9 @@ pub async fn serve(listener: TcpListener, mut show: Show) -> Result<ShowReport, 
     let (blobs, sections) = Blobs::new(Arc::clone(&show.package))?;
     let (wait, start_wait) = (show.options.barrier_wait, show.options.start_wait);
     let inherited = match show.options.standby_of.clone() {
-        None => Inherited::default(),
+        None => None,
         Some(master) => match standby::stand_by(&listener, &master, &mut show, &sections).await? {
-            Some(inherited) => inherited,
+            Some(inherited) => Some(inherited),
             None => return Ok(ShowReport::default()), // the show ended before it was this master's turn
         },
     };
@@ -251,7 +255,7 @@ pub async fn serve(listener: TcpListener, mut show: Show) -> Result<ShowReport, 
     let options = MasterOptions {
         barrier,
         pace,
-        first_frame: inherited.first_frame,
+        first_frame: inherited.as_ref().map_or(0, |course| course.number + 1),
         frames: show.options.frames,
         sections,
         session_seed: random_bytes(),
@@ -279,7 +283,7 @@ pub async fn serve(listener: TcpListener, mut show: Show) -> Result<ShowReport, 
         fault: None,
         wanted: None,
         complaints: Complaints::default(),
-        inherited: inherited.moved,
+        inherited,
         show,
     };
     service.run(listener, inbox).await
@@ -351,8 +355,8 @@ struct Service {
     fault: Option<ServiceError>,
     wanted: Option<u64>,
     complaints: Complaints,
-    /// Objects that moved under the master before.
-    inherited: Vec<Moved>,
+    /// Where the show stood under the master before.
+    inherited: Option<Course>,
     show: Show,
 }
 
@@ -520,6 +524,7 @@ impl Service {
                 let node = self.show.wall.nodes()[usize::from(node.0)].name.clone();
                 (self.show.node_observer)(&NodeEvent::StoodIn { node, spare });
             }
+            Output::Outnumbered { .. } => {}
             Output::WantFrame { number } => self.wanted = Some(number),
             Output::Finished => self.is_finished = true,
         }
@@ -538,9 +543,10 @@ impl Service {
         }
         let _frame = tracing::debug_span!("frame", number).entered();
         let mut pose = (self.show.camera)(number);
-        if !self.inherited.is_empty() {
-            let newer = std::mem::replace(&mut pose.moved, std::mem::take(&mut self.inherited));
-            pose.moved.extend(newer);
+        pose.number = number;
+        if let Some(before) = self.inherited.take() {
+            pose.moved.splice(..0, before.moved);
+            pose.presence.splice(..0, before.presence);
         }
         if let Err(problem) = pose.check(self.show.wall.views().len(), self.show.package.scene.manifest.transforms.len()) {
             let fault = ServiceError::Pose { frame: number, problem };
@@ -561,6 +567,8 @@ impl Service {
             sets: &self.sets,
             moved: &pose.moved,
             budgets: &pose.budgets,
+            presence: &pose.presence,
+            steering: pose.steering,
         };
         let _send = tracing::debug_span!("send").entered();
         let mut before = Instant::now();
