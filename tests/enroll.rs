@@ -93,6 +93,28 @@ fn enrolling_again_adds_what_is_missing_and_keeps_the_rest() {
 }
 
 #[test]
+fn spares_and_standbys_are_enrolled_when_they_are_asked_for() {
+    let folder = Folder::new();
+    let out = folder.enroll(&["--spares", "2", "--standbys", "1"]);
+    assert!(out.contains(": 6 made, 0 replaced, 0 kept\n") && out.contains("--spare ") && out.contains("--standby-of "), "{out}");
+    let identity = |name: &str| IdentityFile::parse(folder.text(&format!("ids/{name}")).as_bytes()).expect("an identity");
+    for name in ["spare-1", "spare-2"] {
+        assert_eq!(identity(&format!("spares/{name}.pem")).bearer, Bearer::Spare(name.into()));
+    }
+    let (master, standby) = (identity("master.pem"), identity("standbys/standby-1.pem"));
+    assert_eq!(standby.bearer, Bearer::Master, "a master in waiting");
+    assert_ne!(standby.certificate, master.certificate, "each machine has a key of its own");
+    assert!(folder.enroll(&[]).contains(": 0 made, 0 replaced, 3 kept\n"), "the others are not touched");
+    assert!(folder.enroll(&["--spares", "3"]).contains(": 1 made, 0 replaced, 5 kept\n"));
+    let (wall, ids) = (folder.path("wall.toml"), folder.path("ids"));
+    let spare = folder.path("ids/spares/spare-1.pem");
+    fs::copy(folder.path("ids/nodes/t0x0.pem"), &spare).expect("copied");
+    refused(&["enroll", &wall, "--out", &ids, "--spares", "1"], &[&spare, "somebody else"]);
+    let too_many = mullion(&["enroll", &wall, "--out", &ids, "--spares", "1001"], LIMIT);
+    assert!(too_many.code == Some(2) && too_many.err.contains("1001"), "{}", too_many.err);
+}
+
+#[test]
 fn enrolling_overwrites_nothing_of_somebody_elses() {
     let folder = Folder::new();
     folder.enroll(&[]);

@@ -3,27 +3,27 @@
 //! Method: services and nodes on loopback, with identities made here. `tests/enroll.rs` has what the commands make of it.
 
 mod session_support;
+mod support;
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::sync::{Arc, mpsc};
+use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant, SystemTime};
 
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{
-    self, Connector, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, NodeTls, PaintError, Painter, Reconnect, Security,
+    self, Connector, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, NodeTls, PaintError, Reconnect, Security,
 };
-use mullion_client::tile_session::{DrawStats, FrameToDraw};
+use mullion_client::tile_session::FrameToDraw;
 use mullion_common::identity::{Bearer, IdentityFile, NodeIdentity};
-use mullion_common::scene::{ChunkId, SceneManifest};
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wire::{
-    ByeCode, Hello, LENGTH_BYTES, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, ToTile, ViewSpec,
-};
+use mullion_common::wire::{ByeCode, Hello, LENGTH_BYTES, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, ToTile};
 use mullion_server::enroll::Authority;
 use mullion_server::service::{self, MasterTls, Pose, Rate, SecurityError, ServiceError, Show, ShowOptions, ShowReport};
 use session_support::{package, wall};
+use support::painter::{Blank, Witness};
+use support::relay::Relay;
 use tokio::sync::watch;
 
 const LEAVES: u32 = 40;
@@ -64,13 +64,17 @@ struct Running {
 
 impl Running {
     fn start(security: service::Security) -> Self {
+        Self::standing_by(security, None)
+    }
+
+    fn standing_by(security: service::Security, standby_of: Option<String>) -> Self {
         let wall = wall(2, 1);
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let address = listener.local_addr().expect("it is bound");
         let (stop, stopped) = watch::channel(false);
         let eyes = wall.default_eyes();
         let show = Show {
-            options: ShowOptions { security, rate: Rate::Hz(100.0), ..ShowOptions::for_wall(&wall) },
+            options: ShowOptions { security, standby_of, rate: Rate::Hz(100.0), ..ShowOptions::for_wall(&wall) },
             wall,
             package: package(LEAVES),
             camera: Box::new(move |_| Pose { eyes: eyes.clone(), ..Pose::default() }),
@@ -112,14 +116,14 @@ impl Running {
 }
 
 fn play(address: SocketAddr, name: &str, security: Security, frames: u32) -> Result<NodeReport, NodeError> {
-    paint(address, name, security, Guest { left: frames, draws: None })
+    paint(address, (name, Part::Own), security, Guest { left: frames, draws: None })
 }
 
-fn paint(address: SocketAddr, name: &str, security: Security, mut guest: Guest) -> Result<NodeReport, NodeError> {
+fn paint(address: SocketAddr, (name, part): (&str, Part), security: Security, guest: Guest) -> Result<NodeReport, NodeError> {
     let options = NodeOptions {
         masters: vec![address.to_string()],
         connector: Connector::default(),
-        part: Part::Own,
+        part,
         when_missing: WhenMissing::Hold,
         node: name.into(),
         credentials: None,
@@ -129,7 +133,7 @@ fn paint(address: SocketAddr, name: &str, security: Security, mut guest: Guest) 
         reconnect: Reconnect { give_up_after: Some(Duration::ZERO), ..Reconnect::default() },
         stop: None,
     };
-    node::run(options, &mut guest)
+    node::run(options, &mut Blank(guest))
 }
 
 /// Closes after so many frames.
@@ -139,34 +143,17 @@ struct Guest {
     draws: Option<mpsc::Sender<()>>,
 }
 
-impl Painter for Guest {
-    fn open_scene(&mut self, _: &Arc<SceneManifest>, _: &[ViewSpec]) -> Result<(), PaintError> {
-        Ok(())
-    }
-
-    fn upload(&mut self, _: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
-        Ok(bytes.len() as u64)
-    }
-
-    fn evict(&mut self, _: ChunkId) -> Result<(), PaintError> {
-        Ok(())
-    }
-
-    fn set_transform(&mut self, _: &Moved) -> Result<(), PaintError> {
-        Ok(())
-    }
-
-    fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
+impl Witness for Guest {
+    fn draws(&mut self, _: &FrameToDraw) -> Result<(), PaintError> {
         if self.left == 0 {
             return Err(PaintError::Closed);
         }
         self.draws.take().into_iter().for_each(|draws| draws.send(()).expect("the test waits for it"));
-        Ok(DrawStats { draw_us: 1, leaves: frame.views[0].leaves.len(), triangles: 1 })
+        Ok(())
     }
 
-    fn show(&mut self, _: u64) -> Result<(), PaintError> {
+    fn shows(&mut self, _: u64) {
         self.left = self.left.saturating_sub(1);
-        Ok(())
     }
 }
 
@@ -195,11 +182,14 @@ fn nodes_with_certificates_show_what_others_are_not_let_near() {
 
     let stranger = IdentityFile { authority: ours.certificate().clone(), ..identity(&others, &node("t0x0")) };
     let reason = show.unreachable("t0x0", of_node(stranger));
-    assert!(reason.contains("does not take this node's certificate"), "{reason}");
+    assert!(reason.contains("does not take this side's certificate"), "{reason}");
 
-    // The master's own certificate makes nobody a node.
+    // The certificate of a master or a spare makes nobody a node.
     let as_node = IdentityFile { bearer: node("t0x0"), ..identity(&ours, &Bearer::Master) };
-    show.unreachable("t0x0", of_node(as_node));
+    let reason = show.refusal("t0x0", of_node(as_node));
+    assert!(reason.contains("is for the master"), "{reason}");
+    let reason = show.refusal("t0x0", of_node(identity(&ours, &Bearer::Spare("attic".into()))));
+    assert!(reason.contains("is for spare \"attic\"") && reason.contains("nodes/t0x0.pem"), "{reason}");
 
     // All that while, those who belong there were undisturbed.
     let report = steady.join().expect("no panic").expect("it belongs there");
@@ -221,13 +211,68 @@ fn a_node_listens_to_its_master_only() {
     assert!(reason.contains("not the master"), "{reason}");
     show.end();
     let refused = MasterTls::new(identity(&ours, &node("t1x0")));
-    assert!(matches!(refused, Err(SecurityError::IsNode(name)) if name == "t1x0"));
+    assert!(matches!(refused, Err(SecurityError::NoMaster(bearer)) if bearer == node("t1x0")));
 
     // One who speaks no TLS.
     let show = Running::start(service::Security::Plain);
     let reason = show.unreachable("t0x0", of_node(identity(&ours, &node("t0x0"))));
     assert!(reason.contains("does not speak TLS") && reason.contains("--identity"), "{reason}");
     show.end();
+}
+
+#[test]
+fn spares_and_standbys_show_certificates_of_their_own() {
+    let ours = authority();
+    let show = Running::start(of_master(identity(&ours, &Bearer::Master)));
+    let spare = |shown: Bearer, frames| {
+        let security = of_node(identity(&ours, &shown));
+        paint(show.address, ("attic", Part::Spare), security, Guest { left: frames, draws: None })
+    };
+    let report = spare(Bearer::Spare("attic".into()), 5).expect("it belongs there");
+    assert!(report.shown >= 5 && report.blob_bytes > 0, "it took a place and fetched its scene: {report:?}");
+    for shown in [node("t0x0"), Bearer::Spare("shed".into())] {
+        match spare(shown, 1) {
+            Err(NodeError::Refused(bye)) => assert!(bye.reason.contains("spares/attic.pem"), "{bye}"),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    // Who is no master does not learn the show's course, whatever it says of itself.
+    let address = show.address.to_string();
+    for shown in [node("t0x0"), Bearer::Spare("attic".into())] {
+        let impostor = of_master(IdentityFile { bearer: Bearer::Master, ..identity(&ours, &shown) });
+        match Running::standing_by(impostor, Some(address.clone())).service.join().expect("no panic") {
+            Err(ServiceError::Standby(bye)) => assert!(bye.code == ByeCode::Refused && bye.reason.contains("standbys/"), "{bye}"),
+            other => panic!("{other:?}"),
+        }
+    }
+    match Running::standing_by(service::Security::Plain, Some(address)).service.join().expect("no panic") {
+        Err(ServiceError::Standby(bye)) => assert!(bye.reason.contains("--identity"), "{bye}"),
+        other => panic!("{other:?}"),
+    }
+    show.end();
+}
+
+#[test]
+fn a_standby_follows_no_one_but_a_master_of_its_wall() {
+    let (ours, others) = (authority(), authority());
+    let rogue = IdentityFile { bearer: Bearer::Master, ..identity(&ours, &node("t1x0")) };
+    for security in [of_master(rogue), of_master(identity(&others, &Bearer::Master)), service::Security::Plain] {
+        let show = Running::start(security);
+        let relay = Relay::to(show.address.to_string());
+        let standby = Running::standing_by(of_master(identity(&ours, &Bearer::Master)), Some(relay.address.clone()));
+        let deadline = Instant::now() + PATIENCE;
+        while relay.passed_on() < 3 {
+            assert!(Instant::now() < deadline, "it tries again");
+            thread::yield_now();
+        }
+        // Then it is gone: but it never was this standby's master.
+        let report = show.end();
+        assert!(report.refused > 0, "{report:?}");
+        let before = relay.passed_on();
+        relay.cut();
+        assert_eq!(standby.end(), ShowReport::default(), "after {before} attempts");
+    }
 }
 
 #[test]
@@ -279,7 +324,7 @@ fn a_flood_of_silent_connections_is_bounded_and_drowns_nobody() {
     let (draws, is_drawing) = mpsc::channel();
     let steady = {
         let security = of_node(identity(&ours, &node("t1x0")));
-        thread::spawn(move || paint(address, "t1x0", security, Guest { left: STEADY_FRAMES, draws: Some(draws) }))
+        thread::spawn(move || paint(address, ("t1x0", Part::Own), security, Guest { left: STEADY_FRAMES, draws: Some(draws) }))
     };
     is_drawing.recv_timeout(PATIENCE).expect("it gets in while there is room");
     let started = Instant::now();

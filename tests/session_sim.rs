@@ -26,7 +26,7 @@ use mullion_client::tile_session::{Action, DrawStats, EndedBy, FrameToDraw, Tile
 use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, Moved, Opening, PROTOCOL_VERSION, SectionRef, ToTile, body_of};
+use mullion_common::wire::{Bye, ByeCode, Moved, Opening, PROTOCOL_VERSION, SectionRef, Steering, ToTile, body_of};
 use mullion_server::master::{FrameInput, FrameReleased, Kind, Master, MasterOptions, Outbox, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 use session_support::random::Random;
@@ -565,7 +565,7 @@ impl Sim {
                     self.shows_told += 1;
                 }
                 Output::Finished => self.is_finished = true,
-                Output::ServeChunks { .. } | Output::StoodIn { .. } => panic!("no chunk connections and no spares here"),
+                other => panic!("no chunk connections, spares or other masters here: {other:?}"),
             }
         }
     }
@@ -590,6 +590,8 @@ impl Sim {
             sets: &sets,
             moved: &moved,
             budgets: &[],
+            presence: &[],
+            steering: Steering::default(),
         };
         self.sets.push(sets.clone());
         self.places.push(places);

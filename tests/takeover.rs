@@ -4,21 +4,24 @@
 
 mod support;
 
-use std::net::TcpListener;
+use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{
-    self, Connector, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, Security,
+    self, Connector, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, NodeTls, PaintError, Reconnect, Security,
 };
-use mullion_client::tile_session::{DrawStats, FrameToDraw};
-use mullion_common::scene::{ChunkId, SceneManifest};
-use mullion_common::wire::{Moved, Part, ViewSpec};
+use mullion_client::tile_session::FrameToDraw;
+use mullion_common::identity::IdentityFile;
+use mullion_common::wire::{Part, ViewSpec};
+use mullion_control::{CameraAt, Command, Control, Error, ObjectNumber, Reason, Steps, TileBudget};
 use mullion_server::generate::{GeneratedScene, write_glb};
-use support::Process;
+use support::painter::{Blank, Witness};
+use support::{Process, mullion};
 use tokio::sync::watch;
 
 const LIMIT: Duration = Duration::from_secs(60);
@@ -28,51 +31,42 @@ const NODES: [&str; 4] = ["t0x0", "t1x0", "t0x1", "t1x1"];
 /// Which tile, which frame, and when.
 type Shows = Arc<Mutex<Vec<(String, u64, Instant)>>>;
 
-/// Draws nothing, and notes what it shows.
+/// Notes what a node shows.
 struct Notes {
     shows: Shows,
+    last: Arc<Mutex<Option<FrameToDraw>>>,
     tile: String,
 }
 
-impl Painter for Notes {
-    fn open_scene(&mut self, _: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError> {
+impl Witness for Notes {
+    fn opens(&mut self, views: &[ViewSpec]) {
         self.tile.clone_from(&views[0].tile_name);
+    }
+
+    fn draws(&mut self, frame: &FrameToDraw) -> Result<(), PaintError> {
+        *self.last.lock().unwrap() = Some(frame.clone());
         Ok(())
     }
 
-    fn upload(&mut self, _: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
-        Ok(bytes.len() as u64)
-    }
-
-    fn evict(&mut self, _: ChunkId) -> Result<(), PaintError> {
-        Ok(())
-    }
-
-    fn set_transform(&mut self, _: &Moved) -> Result<(), PaintError> {
-        Ok(())
-    }
-
-    fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
-        let expected_s = frame.number as f64 / 60.0;
-        assert!((frame.scene_time_s - expected_s).abs() < 1e-9, "the scene's time goes on with the frames: {frame:?}");
-        Ok(DrawStats::default())
-    }
-
-    fn show(&mut self, frame: u64) -> Result<(), PaintError> {
+    fn shows(&mut self, frame: u64) {
         self.shows.lock().unwrap().push((self.tile.clone(), frame, Instant::now()));
-        Ok(())
     }
 }
 
 /// A node on a thread; stopped and waited for when it is ended.
 struct Node {
     shows: Shows,
+    last: Arc<Mutex<Option<FrameToDraw>>>,
     stop: watch::Sender<bool>,
     thread: JoinHandle<Result<NodeReport, NodeError>>,
 }
 
 impl Node {
     fn start(name: &str, part: Part, masters: &[&str]) -> Self {
+        Self::secured(name, part, masters, Security::Plain)
+    }
+
+    fn secured(name: &str, part: Part, masters: &[&str], security: Security) -> Self {
         let shows = Shows::default();
         let (stop, stopped) = watch::channel(false);
         let options = NodeOptions {
@@ -81,15 +75,16 @@ impl Node {
             node: name.to_owned(),
             part,
             credentials: None,
-            security: Security::Plain,
+            security,
             memory_bytes: DEFAULT_MEMORY_BYTES,
             when_missing: WhenMissing::Hold,
             cache: None,
             reconnect: Reconnect { give_up_after: Some(LIMIT), ..Reconnect::default() },
             stop: Some(stopped),
         };
-        let mut painter = Notes { shows: Arc::clone(&shows), tile: String::new() };
-        Self { shows, stop, thread: std::thread::spawn(move || node::run(options, &mut painter)) }
+        let last = Arc::default();
+        let mut painter = Blank(Notes { shows: Arc::clone(&shows), last: Arc::clone(&last), tile: String::new() });
+        Self { shows, last, stop, thread: std::thread::spawn(move || node::run(options, &mut painter)) }
     }
 
     /// What it showed from `since` on.
@@ -108,6 +103,11 @@ impl Node {
             assert!(Instant::now() < deadline, "{} frames shown within {LIMIT:?}, not {frames}", shown.len());
             std::thread::sleep(Duration::from_millis(2));
         }
+    }
+
+    /// The last frame that it drew.
+    fn last(&self) -> FrameToDraw {
+        self.last.lock().unwrap().clone().expect("it has drawn")
     }
 
     fn end(self) {
@@ -165,9 +165,75 @@ fn a_standby_goes_on_where_the_master_died() {
         node.shows(20, killed);
         let frames: Vec<u64> = node.shown_since(started).iter().map(|(_, frame, _)| *frame).collect();
         assert!(frames.windows(2).all(|pair| pair[0] < pair[1]), "the heir counts on: {frames:?}");
+        let last = node.last();
+        assert!(
+            (last.scene_time_s - last.number as f64 / 60.0).abs() < 1e-9,
+            "the scene's time goes on with the frames: {last:?}"
+        );
     }
     standby.error_line(&["is gone", "going on from frame"], 0, LIMIT);
     nodes.into_iter().for_each(Node::end);
+}
+
+/// Where a `serve --control` is steered.
+fn control_of(serve: &mut Process) -> Control {
+    let line = serve.out_line("steer it at:", LIMIT);
+    let address = line
+        .trim_start_matches("steer it at:")
+        .trim()
+        .trim_start_matches("http://")
+        .trim_end_matches("/status")
+        .parse::<SocketAddr>();
+    Control::connect(address.expect("an address")).expect("it listens")
+}
+
+#[test]
+fn a_standby_takes_over_what_was_steered() {
+    let folder = prepared();
+    let steered = ["--control", "127.0.0.1:0"];
+    let mut master = serve(folder.path(), "127.0.0.1:0", &steered);
+    let address = support::address_of(&mut master);
+    let mut standby = serve(folder.path(), "127.0.0.1:0", &[&steered[..], &["--standby-of", &address]].concat());
+    let heir = support::address_of(&mut standby);
+    master.error_line(&["standby joined"], 0, LIMIT);
+    let started = Instant::now();
+    let node = Node::start(NODES[0], Part::Own, &[&address, &heir]);
+    node.shows(5, started);
+    let (mut control, mut of_heir) = (control_of(&mut master), control_of(&mut standby));
+
+    let camera = Command::Camera(CameraAt { translation: [3.0, 1.0, 60.0], rotation: [0.0, 0.0, 0.0, 1.0], scale: 1.0 });
+    let budget = Command::Budget(TileBudget { triangles: Some(1000), ..TileBudget::default() });
+    let eye = [0.05, 0.1, 1.7];
+    let commands = [camera, budget, Command::Eyes(vec![eye]), Command::Remove(ObjectNumber { object: 0 }), Command::Pause];
+    for refused in [of_heir.send(&commands).err(), of_heir.why("0", "t0x0").err(), of_heir.tiles("0").err()] {
+        assert!(matches!(&refused, Some(Error::Refused(reason)) if reason.contains("stands by")), "{refused:?}");
+    }
+    let steered_in = control.send(&commands).expect("taken");
+    while control.next_status().expect("it runs").frame < steered_in + 5 {}
+    let held = control.status().clone();
+    assert!(held.is_paused && !held.is_standing_by);
+
+    master.kill();
+    let killed = Instant::now();
+    node.shows(20, killed);
+    let status = of_heir.next_status().expect("it drives").clone();
+    assert!(status.frame > held.frame && status.is_paused && !status.is_standing_by, "{status:?}");
+    assert_eq!(status.path_frame, held.path_frame, "the path waits where it was held");
+    let last = node.last();
+    assert_eq!(last.world_from_room.translation, DVec3::new(3.0, 1.0, 60.0));
+    assert_eq!((last.views[0].eye, last.views[0].budget.triangles), (DVec3::from(eye), Some(1000)));
+    let why = of_heir.why("0", "t0x0").expect("it answers");
+    assert!(why.frame > held.frame, "{} is of the frames that go on after {}", why.frame, held.frame);
+    assert!(why.leaf_count > 0 && why.leaves.iter().all(|leaf| leaf.views == [Reason::Removed]), "{why:?}");
+
+    of_heir.send(&[Command::Step(Steps { frames: 4 })]).expect("it takes commands");
+    while of_heir.next_status().expect("it runs").path_frame < held.path_frame + 4 {}
+    of_heir.send(&[Command::Resume, Command::FollowPath, Command::Add(ObjectNumber { object: 0 })]).expect("it takes commands");
+    while of_heir.next_status().expect("it runs").path_frame < held.path_frame + 20 {}
+    assert!(!of_heir.status().is_paused);
+    let why = of_heir.why("0", "t0x0").expect("it answers");
+    assert!(why.leaves.iter().all(|leaf| leaf.views != [Reason::Removed]), "{why:?}");
+    node.end();
 }
 
 #[test]
@@ -213,6 +279,38 @@ fn a_spare_shows_what_a_missing_tile_would_until_that_one_is_back() {
     // Its place is taken: it waits again.
     master.error_line(&["node attic joined"], master.err.lines().len().saturating_sub(3), LIMIT);
     owner.end();
+    nodes.into_iter().for_each(Node::end);
+    spare.end();
+}
+
+#[test]
+fn with_certificates_a_standby_takes_over_and_a_spare_stands_in() {
+    let folder = prepared();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let done = mullion(&["enroll", &path("wall.toml"), "--out", &path("ids"), "--spares", "1", "--standbys", "1"], LIMIT);
+    assert_eq!(done.code, Some(0), "{}", done.err);
+    let shown = |file: &str| {
+        let text = std::fs::read(folder.path().join("ids").join(file)).expect("enrolled");
+        Security::Tls(NodeTls::new(IdentityFile::parse(&text).expect("an identity")).expect("of a node or a spare"))
+    };
+    let mut master = serve(folder.path(), "127.0.0.1:0", &["--identity", &path("ids/master.pem")]);
+    let address = support::address_of(&mut master);
+    let of_standby = ["--standby-of", &address, "--identity", &path("ids/standbys/standby-1.pem")];
+    let mut standby = serve(folder.path(), "127.0.0.1:0", &of_standby);
+    let heir = support::address_of(&mut standby);
+    master.error_line(&["standby joined"], 0, LIMIT);
+    let started = Instant::now();
+    let masters = [address.as_str(), &heir];
+    let start = |name: &&str| Node::secured(name, Part::Own, &masters, shown(&format!("nodes/{name}.pem")));
+    let nodes: Vec<Node> = NODES[1..].iter().map(start).collect();
+    nodes.iter().for_each(|node| drop(node.shows(20, started)));
+
+    master.kill();
+    let killed = Instant::now();
+    let spare = Node::secured("spare-1", Part::Spare, &masters, shown("spares/spare-1.pem"));
+    nodes.iter().for_each(|node| drop(node.shows(20, killed)));
+    assert!(spare.shows(10, killed).iter().all(|(tile, ..)| tile == NODES[0]), "the place that is empty");
+    standby.error_line(&["spare spare-1 takes the place of node t0x0"], 0, LIMIT);
     nodes.into_iter().for_each(Node::end);
     spare.end();
 }

@@ -256,6 +256,9 @@ pub struct Status {
     pub rate_hz: f64,
     /// Whether the scene's time is held.
     pub is_paused: bool,
+    /// Whether another master drives the wall, and this one stands by to take its place: it takes no commands.
+    #[serde(default)]
+    pub is_standing_by: bool,
     /// Nodes connected.
     pub connected: u32,
     /// By the wall's order.

@@ -1,10 +1,12 @@
 //! Who is who on a wall: what a certificate says of its bearer, and the files that hold one.
 //!
-//! A certificate names its bearer in its alternative names: `mullion:master`, or `mullion:node:NAME` together with
-//! `mullion:tiles:NAME,NAME`. Names of nodes and tiles hold neither commas nor anything else that such a name must not hold. Who signed a
-//! certificate is checked where it is used; nothing here believes or disbelieves.
+//! A certificate names its bearer in its alternative names: `mullion:master`, `mullion:spare:NAME`, or `mullion:node:NAME` together with
+//! `mullion:tiles:NAME,NAME`. A master that stands by is a master. Names of nodes and tiles hold neither commas nor anything else that such
+//! a name must not hold. Who signed a certificate is checked where it is used; nothing here believes or disbelieves.
 //!
 //! An identity file is PEM: a bearer's certificate and key, and the certificate of the wall's authority. Each machine needs one such file.
+
+use std::fmt;
 
 pub use rustls_pki_types::CertificateDer;
 use rustls_pki_types::PrivateKeyDer;
@@ -19,15 +21,28 @@ pub const MAX_IDENTITY_BYTES: u64 = 256 << 10;
 
 const MASTER: &str = "mullion:master";
 const NODE: &str = "mullion:node:";
+const SPARE: &str = "mullion:spare:";
 const TILES: &str = "mullion:tiles:";
 
 /// Whom a certificate is for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Bearer {
-    /// The master of a wall.
+    /// A master of a wall, or one that stands by.
     Master,
     /// A node.
     Node(NodeIdentity),
+    /// Whoever stands in for missing nodes, by its own name.
+    Spare(String),
+}
+
+impl fmt::Display for Bearer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Master => f.write_str("the master"),
+            Self::Node(node) => write!(f, "node {:?}", node.name),
+            Self::Spare(name) => write!(f, "spare {name:?}"),
+        }
+    }
 }
 
 /// A node and the tiles that it may draw.
@@ -53,6 +68,7 @@ impl Bearer {
     pub fn names(&self) -> Vec<String> {
         match self {
             Self::Master => vec![MASTER.to_owned()],
+            Self::Spare(name) => vec![format!("{SPARE}{name}")],
             Self::Node(node) => vec![format!("{NODE}{}", node.name), format!("{TILES}{}", node.tiles.join(","))],
         }
     }
@@ -68,7 +84,7 @@ impl Bearer {
 
     /// Exactly one role, and one list of tiles if it is a node's.
     fn from_names<'a>(names: impl Iterator<Item = &'a str>) -> Result<Self, IdentityError> {
-        let (mut is_master, mut nodes, mut lists) = (false, Vec::new(), Vec::new());
+        let (mut is_master, mut nodes, mut lists, mut spares) = (false, Vec::new(), Vec::new(), Vec::new());
         for name in names {
             if name == MASTER {
                 is_master = true;
@@ -76,11 +92,14 @@ impl Bearer {
                 nodes.push(node);
             } else if let Some(list) = name.strip_prefix(TILES) {
                 lists.push(list);
+            } else if let Some(spare) = name.strip_prefix(SPARE) {
+                spares.push(spare);
             }
         }
-        match (is_master, &nodes[..], &lists[..]) {
-            (true, [], []) => Ok(Self::Master),
-            (false, [name], [list]) => {
+        match (is_master, &nodes[..], &lists[..], &spares[..]) {
+            (true, [], [], []) => Ok(Self::Master),
+            (false, [], [], [name]) => Ok(Self::Spare((*name).to_owned())),
+            (false, [name], [list], []) => {
                 let mut tiles: Vec<String> = list.split(',').filter(|tile| !tile.is_empty()).map(str::to_owned).collect();
                 tiles.sort();
                 Ok(Self::Node(NodeIdentity { name: (*name).to_owned(), tiles }))
@@ -133,11 +152,11 @@ pub fn parse_certificate(pem: &str) -> Result<CertificateDer<'static>, IdentityE
 pub enum IdentityError {
     #[error("is no identity file: {0}")]
     Pem(String),
-    #[error("is no identity file: it must hold {what}; name a file that `mullion enroll` wrote, master.pem or nodes/NAME.pem")]
+    #[error("is no identity file: it must hold {what}; name a file that `mullion enroll` wrote, as master.pem or nodes/NAME.pem")]
     Incomplete { what: &'static str },
     #[error("is no certificate: {0}")]
     Certificate(String),
-    #[error("the certificate names neither a wall's master nor one of its nodes")]
+    #[error("the certificate names neither a wall's master nor one of its nodes or spares")]
     NoBearer,
 }
 
@@ -151,7 +170,8 @@ mod tests {
 
     #[test]
     fn names_say_who_bears_them() {
-        for bearer in [Bearer::Master, node("left-1.a", &["t0x0", "t0x1"]), node("t0x0", &["t0x0"])] {
+        for bearer in [Bearer::Master, Bearer::Spare("a-1".into()), node("left-1.a", &["t0x0", "t0x1"]), node("t0x0", &["t0x0"])]
+        {
             let names = bearer.names();
             assert_eq!(Bearer::from_names(names.iter().map(String::as_str)), Ok(bearer));
         }
@@ -161,12 +181,15 @@ mod tests {
 
     #[test]
     fn two_roles_are_none() {
-        let bad: [&[&str]; 5] = [
+        let bad: [&[&str]; 8] = [
             &[],
             &["mullion:node:x"],
             &["mullion:tiles:x"],
             &["mullion:master", "mullion:node:x", "mullion:tiles:x"],
             &["mullion:node:x", "mullion:node:y", "mullion:tiles:x"],
+            &["mullion:spare:x", "mullion:node:x", "mullion:tiles:x"],
+            &["mullion:spare:x", "mullion:master"],
+            &["mullion:spare:x", "mullion:spare:y"],
         ];
         for names in bad {
             assert_eq!(Bearer::from_names(names.iter().copied()), Err(IdentityError::NoBearer), "{names:?}");

@@ -4,6 +4,8 @@ pub mod control;
 pub mod geometry;
 pub mod identity;
 pub mod scene;
+#[cfg(feature = "tls")]
+pub mod tls;
 pub mod visible_set;
 pub mod wall;
 pub mod wire;

@@ -1,7 +1,8 @@
-//! Makes the identities of a wall: an authority of its own, and certificates for its master and its nodes.
+//! Makes the identities of a wall: an authority of its own, and certificates for its masters, its nodes and its spares.
 //!
-//! A certificate proves to be signed by the authority, says whom it is for, and serves one side of a connection only: that of a node
-//! cannot answer as the master. Keys are ECDSA over P-256. The only user of rcgen.
+//! A certificate proves to be signed by the authority and says whom it is for. That of a node or a spare serves the connecting side only: it
+//! cannot answer as the master. A master's serves both: a standby connects to the master that it may follow. Keys are ECDSA over P-256.
+//! The only user of rcgen.
 
 use std::time::{Duration, SystemTime};
 
@@ -75,15 +76,17 @@ impl Authority {
     /// When the system gives no random numbers.
     pub fn issue(&self, bearer: &Bearer, now: SystemTime) -> Result<String, EnrollError> {
         let key = KeyPair::generate()?;
-        let (usage, name) = match bearer {
-            Bearer::Master => (ExtendedKeyUsagePurpose::ServerAuth, "Mullion master".to_owned()),
-            Bearer::Node(node) => (ExtendedKeyUsagePurpose::ClientAuth, format!("Mullion node {}", node.name)),
+        use ExtendedKeyUsagePurpose::{ClientAuth, ServerAuth};
+        let (usages, name) = match bearer {
+            Bearer::Master => (vec![ServerAuth, ClientAuth], "Mullion master".to_owned()),
+            Bearer::Node(node) => (vec![ClientAuth], format!("Mullion node {}", node.name)),
+            Bearer::Spare(name) => (vec![ClientAuth], format!("Mullion spare {name}")),
         };
         let mut parameters = parameters(&name, now);
         parameters.is_ca = IsCa::ExplicitNoCa;
         parameters.use_authority_key_identifier_extension = true;
         parameters.key_usages = vec![KeyUsagePurpose::DigitalSignature];
-        parameters.extended_key_usages = vec![usage];
+        parameters.extended_key_usages = usages;
         for name in bearer.names() {
             parameters.subject_alt_names.push(SanType::URI(name.try_into()?));
         }

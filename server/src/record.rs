@@ -15,7 +15,7 @@ use mullion_common::scene::{ChunkHash, ObjectId, Package, PackageError, SectionK
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
 use mullion_common::wire::codec::{self, CodecError};
-use mullion_common::wire::{Budget, MAX_VIEWS, Moved};
+use mullion_common::wire::{Budget, MAX_VIEWS, Moved, Steering};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -312,6 +312,8 @@ impl<R: Read> Reader<R> {
                     transform: DAffine3::from_cols_array(&transform).into(),
                 });
                 let pose = Pose {
+                    number: frame.number,
+                    steering: Steering::default(),
                     scene_time_s: frame.scene_time_s,
                     world_from_room: DAffine3::from_cols_array(&frame.world_from_room),
                     eyes: frame.eyes.0.into_iter().map(DVec3::from).collect(),

@@ -6,12 +6,14 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3};
+use mullion_common::camera_path::{CameraPath, CameraPose};
+use mullion_common::control::{Command, Steps};
 use mullion_common::geometry::Obb;
 use mullion_common::scene::{ObjectId, Package};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall, WallConfig};
-use mullion_common::wire::Moved;
-use mullion_server::control::LiveScene;
+use mullion_common::wire::{Budget, Course, Moved, Steering};
+use mullion_server::control::{self, ControlError, Driver, LiveScene};
 use mullion_server::cull::{Algorithm, oracle};
 use mullion_server::service::Pose;
 use mullion_server::tree::{Bounds, DynamicScene, Presence};
@@ -102,4 +104,35 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn a_camera_goes_on_as_another_master_left_it() {
+    let (wall, package) = (session_support::wall(2, 1), session_support::package(LEAVES));
+    let stand = |x: f64| CameraPose { translation: DVec3::new(x, 1.0, 12.0), rotation: DQuat::IDENTITY, scale: 1.0 };
+    let path = CameraPath::new((0..500).map(|frame| stand(f64::from(frame))).collect()).expect("a path");
+    let (inlet, batches, _questions) = control::channel(&wall, &package);
+    let mut driver = Driver::new(Arc::clone(&wall), path.clone(), batches);
+    let succession = driver.succession();
+    inlet.submit(&[Command::Step(Steps { frames: 9 })], Box::new(|_| panic!("of a reign that is over"))).expect("there is room");
+    succession.stand_by();
+    assert_eq!(inlet.submit(&[Command::Pause], Box::new(|_| ())), Err(ControlError::StandingBy));
+
+    let eyes = vec![DVec3::new(0.2, 0.1, 2.0); 2];
+    let budgets = vec![Budget { triangles: Some(7), gpu_us: None }, Budget::default()];
+    let room = DAffine3::from_translation(DVec3::new(5.0, 6.0, 7.0));
+    let steering = Steering { path_frame: 20, held_after: Some(1), is_off_path: true };
+    let course =
+        Course { number: 90, world_from_room: room, steering, eyes: eyes.clone(), budgets: budgets.clone(), ..Course::default() };
+    succession.take_over(course);
+    inlet.submit(&[], Box::new(|frame| assert_eq!(frame, 91))).expect("it takes commands again");
+    let pose = driver.pose(91);
+    assert_eq!((pose.world_from_room, &pose.eyes, &pose.budgets), (room, &eyes, &budgets));
+    assert_eq!(pose.scene_time_s, 21.0 / wall.rate_hz(), "the step that was left");
+    assert_eq!(pose.steering, Steering { path_frame: 21, held_after: Some(0), is_off_path: true });
+    assert_eq!(driver.pose(92).steering.path_frame, 21, "held");
+    inlet.submit(&[Command::Resume, Command::FollowPath], Box::new(|_| ())).expect("there is room");
+    let pose = driver.pose(93);
+    assert_eq!(pose.world_from_room, path.pose(22), "the path goes on where it was held");
+    assert_eq!(pose.steering, Steering { path_frame: 22, held_after: None, is_off_path: false });
 }

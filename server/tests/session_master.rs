@@ -5,12 +5,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
-use mullion_common::identity::NodeIdentity;
+use mullion_common::identity::{Bearer, NodeIdentity};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
-    ALIVE_EVERY, ByeCode, ChunkHello, Hello, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, SILENCE_LIMIT, Stats, ToMaster,
-    ToTile, body_of,
+    ALIVE_EVERY, ByeCode, ChunkHello, Hello, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, SILENCE_LIMIT, Stats, Steering,
+    ToMaster, ToTile, body_of,
 };
 use mullion_server::master::{Admission, FrameInput, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, TAKEOVER_AFTER};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
@@ -66,6 +66,8 @@ fn begin(master: &mut Master, number: u64, now: Duration) {
         sets: &[VisibleSet::all(5), VisibleSet::default()],
         moved: &[],
         budgets: &[],
+        presence: &[],
+        steering: Steering::default(),
     };
     master.begin_frame(&input, now, &mut |_| {});
 }
@@ -218,8 +220,8 @@ fn deltas_stand_on_what_is_remembered_only() {
     }
 }
 
-fn identity(name: &str, tiles: &[&str]) -> NodeIdentity {
-    NodeIdentity { name: name.into(), tiles: tiles.iter().map(|tile| (*tile).into()).collect() }
+fn identity(name: &str, tiles: &[&str]) -> Bearer {
+    Bearer::Node(NodeIdentity { name: name.into(), tiles: tiles.iter().map(|tile| (*tile).into()).collect() })
 }
 
 /// The reason of a goodbye with code Refused.
@@ -237,7 +239,7 @@ fn refusal(outputs: &[Output], which: PeerId) -> String {
 fn a_choosy_master_takes_a_node_with_its_own_certificate_only() {
     let mut master = master().admitting(Admission::ByCertificate);
     let mut peers = (1..).map(PeerId);
-    let mut greet = |master: &mut Master, shown: Option<NodeIdentity>, node: &str| {
+    let mut greet = |master: &mut Master, shown: Option<Bearer>, node: &str| {
         let peer = peers.next().unwrap();
         master.handle_connected(peer, ms(0));
         shown.into_iter().for_each(|shown| master.handle_identity(peer, shown));
@@ -273,7 +275,7 @@ fn a_chunk_connection_must_be_of_the_node_whose_session_it_names() {
     let out = outputs(&mut master);
     let [ToTile::Welcome(welcome), ..] = &sent(&out, A)[..] else { panic!("{out:?}") };
     let session = welcome.session;
-    let mut open = |peer, shown: Option<NodeIdentity>| {
+    let mut open = |peer, shown: Option<Bearer>| {
         master.handle_connected(peer, ms(1));
         shown.into_iter().for_each(|shown| master.handle_identity(peer, shown));
         master.handle_opening(peer, Opening::Chunks(ChunkHello { session }), ms(1));

@@ -5,15 +5,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
-use mullion_common::scene::{ObjectId, Transform};
+use mullion_common::identity::{Bearer, NodeIdentity};
+use mullion_common::scene::{ObjectId, Presence, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
-    ALIVE_EVERY, ByeCode, Course, Hello, Moved, Opening, Part, Ping, SILENCE_LIMIT, StandbyHello, Stats, ToMaster, ToStandby,
-    ToTile, body_of,
+    ALIVE_EVERY, Budget, ByeCode, ChunkHello, Course, Hello, Moved, Opening, Part, Ping, SILENCE_LIMIT, StandbyHello, Stats,
+    Steering, ToMaster, ToStandby, ToTile, body_of,
 };
 use mullion_server::master::{
-    FrameInput, MAX_STANDBYS, Master, MasterOptions, Output, Pace, PeerId, SPARE_AFTER, TAKEOVER_AFTER, TELL_STANDBYS_EVERY,
+    Admission, FrameInput, MAX_STANDBYS, Master, MasterOptions, Output, Pace, PeerId, SPARE_AFTER, TAKEOVER_AFTER,
+    TELL_STANDBYS_EVERY,
 };
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 
@@ -80,6 +82,16 @@ fn moved(object: u32, x: f64) -> Moved {
 }
 
 fn begin(master: &mut Master, number: u64, moved: &[Moved], now: Duration) -> Vec<Output> {
+    begin_steered(master, number, moved, (&[], Steering::default(), &[]), now)
+}
+
+fn begin_steered(
+    master: &mut Master,
+    number: u64,
+    moved: &[Moved],
+    (presence, steering, budgets): (&[(ObjectId, Presence)], Steering, &[Budget]),
+    now: Duration,
+) -> Vec<Output> {
     master.handle_timeout(now);
     let input = FrameInput {
         number,
@@ -89,7 +101,9 @@ fn begin(master: &mut Master, number: u64, moved: &[Moved], now: Duration) -> Ve
         shared_eye: DVec3::Z,
         sets: &[VisibleSet::all(5), VisibleSet::default()],
         moved,
-        budgets: &[],
+        budgets,
+        presence,
+        steering,
     };
     master.begin_frame(&input, now, &mut |_| {});
     outputs(master)
@@ -215,6 +229,34 @@ fn a_standby_hears_of_every_frame_and_of_all_that_moved() {
 }
 
 #[test]
+fn a_standby_hears_how_the_show_is_steered_and_what_came_and_went_in_order() {
+    let (there, away) = (Presence::There, Presence::Away);
+    let object = |number| ObjectId(number);
+    let mut first = master(0);
+    // The last word on each counts, and the order of these.
+    let said = [(object(1), away), (object(2), there), (object(1), there), (object(3), away)];
+    begin_steered(&mut first, 0, &[], (&said, Steering::default(), &[]), ms(0));
+    let out = stand_by(&mut first, STANDBY, StandbyHello::of(&wall(2), &[]).unwrap(), ms(1));
+    assert_eq!(courses(&out)[0].presence, [(object(2), there), (object(1), there), (object(3), away)]);
+    first.handle_message(STANDBY, ToMaster::Ready { frame: 0, shown: None }, ms(2));
+    first.handle_timeout(ms(14));
+    let steering = Steering { path_frame: 0, held_after: Some(3), is_off_path: true };
+    let budgets = [Budget { triangles: Some(9), gpu_us: None }, Budget::default()];
+    let out = begin_steered(&mut first, 1, &[], (&[(object(2), away)], steering, &budgets), ms(20));
+    let [course] = &courses(&out)[..] else { panic!("{out:?}") };
+    assert_eq!(
+        (course.base, &course.presence[..]),
+        (Some(0), &[(object(2), away)][..]),
+        "what was acknowledged does not come again"
+    );
+    assert_eq!((course.steering, &course.budgets[..]), (steering, &budgets[..]));
+    // One that comes new hears all of it.
+    first.handle_disconnected(STANDBY, ms(21));
+    let out = stand_by(&mut first, STANDBY, StandbyHello::of(&wall(2), &[]).unwrap(), ms(22));
+    assert_eq!(courses(&out)[0].presence, [(object(1), there), (object(3), away), (object(2), away)]);
+}
+
+#[test]
 fn a_standby_of_another_show_or_one_too_many_is_told_so() {
     let mut master = master(0);
     let hello = StandbyHello::of(&wall(2), &[]).unwrap();
@@ -227,4 +269,49 @@ fn a_standby_of_another_show_or_one_too_many_is_told_so() {
     }
     master.handle_timeout(SILENCE_LIMIT);
     assert_eq!(closed(&outputs(&mut master), PeerId(30)), Some(ByeCode::Timeout));
+}
+
+#[test]
+fn with_certificates_everyone_takes_the_part_that_is_theirs_and_no_other() {
+    let node = Bearer::Node(NodeIdentity { name: "t0x0".into(), tiles: vec!["t0x0".into()] });
+    let (attic, shed) = (Bearer::Spare("attic".into()), Bearer::Spare("shed".into()));
+    let namesake = Bearer::Spare("t0x0".into());
+    let hello = |node: &str, part| Opening::Control(Hello { node: node.into(), part, credentials: None, cached: vec![] });
+    let openings = [
+        hello("t0x0", Part::Own),
+        hello("attic", Part::Spare),
+        hello("t0x0", Part::Spare),
+        Opening::Standby(StandbyHello::of(&wall(2), &[]).unwrap()),
+    ];
+    let shown = [None, Some(node.clone()), Some(attic.clone()), Some(shed.clone()), Some(namesake), Some(Bearer::Master)];
+    let allowed = [(1, 0), (2, 1), (4, 2), (5, 3)];
+    for (who, shown) in shown.iter().enumerate() {
+        for (what, opening) in openings.iter().enumerate() {
+            let mut master = master(0).admitting(Admission::ByCertificate);
+            master.handle_connected(NODE, ms(0));
+            shown.iter().for_each(|shown| master.handle_identity(NODE, shown.clone()));
+            master.handle_opening(NODE, opening.clone(), ms(0));
+            let expected = (!allowed.contains(&(who, what))).then_some(ByeCode::Refused);
+            assert_eq!(closed(&outputs(&mut master), NODE), expected, "{shown:?} greets with {opening:?}");
+        }
+    }
+
+    // A spare that has a place fetches chunks for it, and nobody else does, not even whose place it is.
+    let mut master = master(0).admitting(Admission::ByCertificate);
+    let open = |master: &mut Master, peer, shown: &Bearer, opening| {
+        master.handle_connected(peer, ms(0));
+        master.handle_identity(peer, shown.clone());
+        master.handle_opening(peer, opening, ms(0));
+        outputs(master)
+    };
+    open(&mut master, SPARE, &attic, hello("attic", Part::Spare));
+    master.handle_timeout(SPARE_AFTER);
+    let out = outputs(&mut master);
+    let [ToTile::Welcome(welcome), ..] = &sent(&out, SPARE)[..] else { panic!("{out:?}") };
+    let chunks = Opening::Chunks(ChunkHello { session: welcome.session });
+    for (peer, shown) in [(40, &node), (41, &shed), (42, &Bearer::Master)] {
+        let out = open(&mut master, PeerId(peer), shown, chunks.clone());
+        assert_eq!((closed(&out, PeerId(peer)), closed(&out, SPARE)), (Some(ByeCode::Refused), None), "{shown:?}");
+    }
+    assert_eq!(open(&mut master, PeerId(43), &attic, chunks), [Output::ServeChunks { peer: PeerId(43) }]);
 }

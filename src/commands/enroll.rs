@@ -17,14 +17,23 @@ use crate::say::say;
 pub struct Options {
     /// Wall file.
     wall: PathBuf,
-    /// Folder for the wall's authority, master.pem, and nodes/NAME.pem for each node. What is there already stays; a node whose tiles
-    /// have changed gets a new file.
+    /// Folder for the wall's authority, master.pem, nodes/NAME.pem for each node, and what --spares and --standbys ask for. What is there
+    /// already stays; a node whose tiles have changed gets a new file.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Make all certificates anew, and overwrite what is there; only the authority stays.
+    /// Make spares/spare-1.pem and so on for so many spares: a spare may take any missing node's place, but be no node of its own.
+    #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=MAX_EXTRAS))]
+    spares: u32,
+    /// Make standbys/standby-1.pem and so on for so many masters that stand by, each with a key of its own.
+    #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=MAX_EXTRAS))]
+    standbys: u32,
+    /// Make all certificates that are asked for anew, and overwrite what is there; only the authority stays.
     #[arg(long)]
     force: bool,
 }
+
+/// Most spares, and most standbys.
+const MAX_EXTRAS: i64 = 1000;
 
 /// An identity file that is to be.
 struct Planned {
@@ -46,13 +55,28 @@ pub fn run(options: &Options) -> Result<()> {
     let wall = open_wall(&options.wall)?;
     let now = SystemTime::now();
     let folder = &options.out;
-    fs::create_dir_all(folder.join("nodes")).with_context(|| folder.display().to_string())?;
+    let make_folder = |name: &str| {
+        let folder = folder.join(name);
+        fs::create_dir_all(&folder).with_context(|| folder.display().to_string())
+    };
+    make_folder("nodes")?;
+    (options.spares > 0).then(|| make_folder("spares")).transpose()?;
+    (options.standbys > 0).then(|| make_folder("standbys")).transpose()?;
     let authority = open_authority(folder, now)?;
     let nodes = wall.nodes().iter().map(|node| {
         let path = folder.join("nodes").join(format!("{}.pem", node.name));
         (Bearer::Node(NodeIdentity::of(&wall, node)), path)
     });
-    let all = std::iter::once((Bearer::Master, folder.join("master.pem"))).chain(nodes);
+    let spares = (1..=options.spares).map(|number| {
+        let name = format!("spare-{number}");
+        let path = folder.join("spares").join(format!("{name}.pem"));
+        (Bearer::Spare(name), path)
+    });
+    let standbys = (1..=options.standbys).map(|number| {
+        let path = folder.join("standbys").join(format!("standby-{number}.pem"));
+        (Bearer::Master, path)
+    });
+    let all = std::iter::once((Bearer::Master, folder.join("master.pem"))).chain(nodes).chain(spares).chain(standbys);
     let plan: Vec<Planned> = all
         .map(|(bearer, path)| {
             let fate = if options.force { Fate::Replaced } else { fate(&authority, &bearer, &path)? };
@@ -72,6 +96,12 @@ pub fn run(options: &Options) -> Result<()> {
     }
     say!("start the master with:  mullion serve WALL SCENE --listen ADDRESS --identity {}", plan[0].path.display());
     say!("copy one file to each node, and start it with:  mullion tile NAME --master HOST --identity NAME.pem");
+    if options.spares > 0 {
+        say!("start a spare with:  mullion tile spare-1 --spare --master HOST --identity spare-1.pem");
+    }
+    if options.standbys > 0 {
+        say!("start a standby with:  mullion serve WALL SCENE --listen ADDRESS --standby-of HOST --identity standby-1.pem");
+    }
     say!("keep {} where nobody else can read it", folder.join("authority.key").display());
     Ok(())
 }
@@ -117,8 +147,7 @@ fn fate(authority: &Authority, bearer: &Bearer, path: &Path) -> Result<Fate> {
     let shown = path.display();
     match (&found, bearer) {
         _ if signer != *authority.certificate() => bail!("{shown}: is of another authority: {overwrite}"),
-        (Bearer::Master, Bearer::Master) => Ok(Fate::Kept),
-        (Bearer::Node(found), Bearer::Node(node)) if found == node => Ok(Fate::Kept),
+        (found, bearer) if *found == *bearer => Ok(Fate::Kept),
         (Bearer::Node(found), Bearer::Node(node)) if found.name == node.name => Ok(Fate::Replaced),
         _ => bail!("{shown}: is for somebody else: {overwrite}"),
     }

@@ -29,7 +29,7 @@ pub struct Options {
     /// Address to listen on. One that other machines reach needs --identity or --insecure.
     #[arg(long, value_name = "ADDRESS", default_value_t = SocketAddr::from(([127, 0, 0, 1], DEFAULT_PORT)))]
     listen: SocketAddr,
-    /// The master.pem that `mullion enroll` wrote: take only nodes with certificates of the same authority, over TLS.
+    /// The master.pem that `mullion enroll` wrote, or a standbys/NAME.pem: take only peers with certificates of the same authority, over TLS.
     #[arg(long, value_name = "FILE", conflicts_with = "insecure")]
     identity: Option<PathBuf>,
     /// Without certificates, take any node that knows a name of the wall, from other machines, too. Whoever reaches the address can then
@@ -126,6 +126,7 @@ pub fn run(options: &Options) -> Result<()> {
     let path = path.path(&package, &wall, options.frames)?;
     let (metrics, reader) = Metrics::new(&wall);
     let steered = options.steering.start(path, (&options.path, rate_hz), options.algorithm, &wall, &package, reader)?;
+    show_options.succession = steered.succession;
     let metrics = Arc::new(Mutex::new(metrics));
     let progress = Arc::new(Progress::new());
     let lines = Arc::clone(&progress);

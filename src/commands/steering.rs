@@ -15,7 +15,7 @@ use mullion_server::control::{self, Board, Driver, LiveScene};
 use mullion_server::cull::Algorithm;
 use mullion_server::metrics::MetricsReader;
 use mullion_server::record::{Header, Recorder};
-use mullion_server::service::{Camera, Cull};
+use mullion_server::service::{Camera, Cull, Succession};
 
 use crate::files::set_aside;
 use crate::say::say;
@@ -39,6 +39,7 @@ pub struct Steered {
     pub camera: Camera,
     pub cull: Cull,
     pub board: Arc<Board>,
+    pub succession: Succession,
     /// Listens until it is dropped.
     pub server: Option<Server>,
 }
@@ -86,7 +87,9 @@ impl Steering {
             }
             None => None,
         };
+        let succession = driver.succession();
         Ok(Steered {
+            succession,
             camera: Box::new(move |frame| driver.pose(frame)),
             cull: Box::new(move |pose, sets| {
                 scene.cull(pose, sets);

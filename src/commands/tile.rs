@@ -30,7 +30,8 @@ pub struct Options {
     /// Wait until a node of the wall is missing, and stand in for it until it is back.
     #[arg(long)]
     spare: bool,
-    /// The nodes/NAME.pem that `mullion enroll` wrote for this node: speak TLS, and only with the master of that wall.
+    /// The nodes/NAME.pem that `mullion enroll` wrote for this node, or a spares/NAME.pem with --spare and the name in it: speak TLS, and only
+    /// with masters of that wall.
     #[arg(long, value_name = "FILE")]
     identity: Option<PathBuf>,
     /// Show no window; write each tile's picture into this folder when the show ends.

@@ -1,7 +1,9 @@
 //! What several integration tests need.
 #![allow(dead_code)] // each test uses its part
 
+pub mod painter;
 pub mod random;
+pub mod relay;
 
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read};
@@ -96,6 +98,16 @@ impl Process {
             assert!(Instant::now() < deadline, "mullion {}: no {what} within {limit:?}\n{out}{err}", self.name);
             std::thread::sleep(Duration::from_millis(2));
         }
+    }
+
+    /// The first line of standard output that begins so.
+    pub fn out_line(&mut self, start: &str, limit: Duration) -> String {
+        let mut found = None;
+        self.until(&format!("line {start:?}"), limit, |process| {
+            found = process.out.lines().into_iter().find(|line| line.starts_with(start));
+            found.is_some()
+        });
+        found.expect("it was just found")
     }
 
     /// The first line that holds all of `words`, at or after line `from` of standard error, and its number.

@@ -93,3 +93,12 @@ pub struct Object {
     /// The leaves of its subtree, sorted.
     pub leaves: Vec<LeafRange>,
 }
+
+/// Whether an object is part of the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Presence {
+    /// It is culled, and drawn where it is seen.
+    There,
+    /// No view sees it.
+    Away,
+}

@@ -14,7 +14,7 @@ mod package;
 
 pub use chunk::{ChunkError, ChunkHash, GeometryChunk, MAX_CHUNK_BYTES, MAX_CHUNK_VERTICES};
 pub use hierarchy::{HierarchyError, NodeId, ObjectHierarchy, OhNode};
-pub use leaf::{ChunkId, LeafRecord, Object, ObjectId, Transform};
+pub use leaf::{ChunkId, LeafRecord, Object, ObjectId, Presence, Transform};
 pub use material::{AlphaMode, Filter, Material, MaterialId, TextureRef, Wrap};
 pub use package::{
     ChunkKind, ChunkRecord, LeafSource, MAX_PACKAGE_BYTES, PACKAGE_VERSION, Package, PackageError, Scene, SceneManifest,

@@ -35,6 +35,7 @@
 //! | 15 | [`Pong`] | master, control | at_us u64, master_us u64 |
 //! | 16 | [`StandbyHello`] | standby | magic `MULL`, version u32, hash of the wall, hash of the scene |
 //! | 17 | [`Course`] | master, standby | see [`Course`]; answered by Ready |
+//! | 18 | [`RivalHello`] | master, master | as StandbyHello, then live_nodes u32, port u16; answered by Bye |
 //!
 //! # A session
 //! `Hello` → `Welcome`, `Manifest`; then the node opens its chunk connection with the session number that `Welcome`
@@ -53,6 +54,7 @@
 pub mod codec;
 mod frame;
 mod message;
+mod opening;
 mod ranges;
 mod standby;
 
@@ -63,15 +65,15 @@ use thiserror::Error;
 pub use codec::CodecError;
 pub use frame::{Budget, Frame, FrameView, Moved};
 pub use message::{
-    Bye, ByeCode, ChunkHello, ChunkReply, Hello, Manifest, Opening, Part, Piece, Ping, Pong, SectionRef, Shown, Stats, ToMaster,
-    ToTile, ViewSpec, Want, Welcome,
+    Bye, ByeCode, ChunkReply, Manifest, Piece, Ping, Pong, SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Want, Welcome,
 };
-pub use standby::{Course, StandbyHello, ToStandby};
+pub use opening::{ChunkHello, Hello, Opening, Part};
+pub use standby::{Course, RivalHello, StandbyHello, Steering, ToStandby};
 
 use crate::scene::MAX_CHUNK_BYTES;
 
 /// Version of the protocol. Master and nodes speak only their own.
-pub const PROTOCOL_VERSION: u32 = 3;
+pub const PROTOCOL_VERSION: u32 = 4;
 /// First bytes of a greeting, after its tag.
 pub const MAGIC: [u8; 4] = *b"MULL";
 

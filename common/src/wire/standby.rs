@@ -1,12 +1,12 @@
-//! What a master tells the one that stands by to take its place: the course of the show, frame by frame.
+//! What masters say to each other: the course of the show, frame by frame, and which of two is to drive the wall.
 
 use glam::{DAffine3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::frame::{put_moved, take_head, take_moved};
 use super::message::{put_bye, split_tag, tag, take_bye};
-use super::{Bye, MAX_TO_TILE_BYTES, MAX_WALL_VIEWS, Moved, SectionRef, ViewSpec, WireError, codec, framed, within};
-use crate::scene::ChunkHash;
+use super::{Budget, Bye, MAX_TO_TILE_BYTES, MAX_WALL_VIEWS, Moved, SectionRef, ViewSpec, WireError, codec, framed, within};
+use crate::scene::{ChunkHash, ObjectId, Presence};
 use crate::wall::Wall;
 
 /// A standby's greeting on its only connection. Both sides must have the same wall and the same scene.
@@ -34,10 +34,36 @@ impl StandbyHello {
     }
 }
 
+/// The greeting of a master that took another's place, to that other one, on a connection of its own: who has fewer live nodes is to
+/// stand by, and where both have as many, who greets. The answer is a [`Bye`]: [`OtherMaster`](super::ByeCode::OtherMaster) where the
+/// one that greets is to stand by, [`Leaving`](super::ByeCode::Leaving) where the one that is greeted does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RivalHello {
+    /// Of its wall and scene.
+    pub show: StandbyHello,
+    /// Nodes that its frames wait for.
+    pub live_nodes: u32,
+    /// Where it listens, at the address that the connection comes from.
+    pub port: u16,
+}
+
+/// How a show is steered, apart from where everything is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Steering {
+    /// The frame's place on the camera's path and in the scene's time, frames.
+    pub path_frame: u64,
+    /// Frames after which time is held, 0: it is held; `None`: it passes.
+    pub held_after: Option<u32>,
+    /// Whether the room is where it was put, not on its path.
+    pub is_off_path: bool,
+}
+
 /// Where the show stands at a frame.
 ///
-/// As bytes after the tag: number u64, scene time f64, `world_from_room` 12 × f64, base `Option<u64>`, count of eyes u32, count of moved
-/// objects u32; for each eye 3 × f64; for each moved object: id u32, 12 × f64.
+/// As bytes after the tag: number u64, scene time f64, `world_from_room` 12 × f64, base `Option<u64>`, path frame u64, held after
+/// `Option<u32>`, off path u8, counts of eyes, budgets, presences and moved objects, each u32; for each eye 3 × f64; for each budget
+/// `Option<u32>` triangles, `Option<u32>` microseconds; for each presence: object u32, u8 (0 there, 1 away); for each moved object: id u32,
+/// 12 × f64.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Course {
     /// The frame's number.
@@ -48,8 +74,14 @@ pub struct Course {
     pub world_from_room: DAffine3,
     /// A course that the standby has said Ready for; `None`: the manifest.
     pub base: Option<u64>,
+    /// How commands hold time and room.
+    pub steering: Steering,
     /// Where each view's eye is, room space, metres; by `ViewId`.
     pub eyes: Vec<DVec3>,
+    /// What each view may spend, by `ViewId`; empty: nothing is limited.
+    pub budgets: Vec<Budget>,
+    /// Objects that came or went with all below them since the base, each once, in the order in which the last word on each was said.
+    pub presence: Vec<(ObjectId, Presence)>,
     /// Every object that moved since the base.
     pub moved: Vec<Moved>,
 }
@@ -71,11 +103,15 @@ struct Head {
     scene_time_s: f64,
     world_from_room: [f64; 12],
     base: Option<u64>,
+    steering: Steering,
     eyes: u32,
+    budgets: u32,
+    presence: u32,
     moved: u32,
 }
 
 const EYE_BYTES: usize = size_of::<[f64; 3]>();
+const PRESENCE_BYTES: usize = 4 + 1;
 
 impl Course {
     /// Writes the whole message to `out`, which it empties first. Allocates only where `out` must grow.
@@ -83,19 +119,29 @@ impl Course {
     /// # Errors
     /// When the course passes a cap.
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
-        within("views", self.eyes.len(), MAX_WALL_VIEWS)?;
+        within("views", self.eyes.len().max(self.budgets.len()), MAX_WALL_VIEWS)?;
         framed(out, tag::COURSE, MAX_TO_TILE_BYTES, |out| {
             let head = Head {
                 number: self.number,
                 scene_time_s: self.scene_time_s,
                 world_from_room: self.world_from_room.to_cols_array(),
                 base: self.base,
+                steering: self.steering,
                 eyes: self.eyes.len() as u32,
+                budgets: self.budgets.len() as u32,
+                presence: self.presence.len() as u32,
                 moved: self.moved.len() as u32,
             };
             codec::encode_into(&head, out)?;
             for eye in &self.eyes {
                 out.extend_from_slice(bytemuck::bytes_of(&eye.to_array()));
+            }
+            for budget in &self.budgets {
+                codec::encode_into(budget, out)?;
+            }
+            for (object, presence) in &self.presence {
+                out.extend_from_slice(&object.0.to_le_bytes());
+                out.push(u8::from(*presence == Presence::Away));
             }
             put_moved(out, &self.moved);
             Ok(())
@@ -104,15 +150,21 @@ impl Course {
 
     fn decode(mut bytes: &[u8]) -> Result<Self, WireError> {
         let head: Head = take_head(&mut bytes)?;
-        within("views", head.eyes as usize, MAX_WALL_VIEWS)?;
-        let (eyes, rest) = bytes.split_at_checked(head.eyes as usize * EYE_BYTES).ok_or(WireError::Bulk { what: "eyes" })?;
+        within("views", head.eyes.max(head.budgets) as usize, MAX_WALL_VIEWS)?;
+        let (eyes, mut rest) = bytes.split_at_checked(head.eyes as usize * EYE_BYTES).ok_or(WireError::Bulk { what: "eyes" })?;
+        let budgets = (0..head.budgets).map(|_| take_head(&mut rest)).collect::<Result<Vec<Budget>, _>>()?;
+        let presence_bytes = (head.presence as usize).saturating_mul(PRESENCE_BYTES);
+        let (presence, rest) = rest.split_at_checked(presence_bytes).ok_or(WireError::Bulk { what: "presences" })?;
         let eyes = eyes.chunks_exact(EYE_BYTES).map(|bytes| DVec3::from(bytemuck::pod_read_unaligned::<[f64; 3]>(bytes)));
         let course = Self {
             number: head.number,
             scene_time_s: head.scene_time_s,
             world_from_room: DAffine3::from_cols_array(&head.world_from_room),
             base: head.base,
+            steering: head.steering,
             eyes: eyes.collect(),
+            budgets,
+            presence: presence.chunks_exact(PRESENCE_BYTES).map(presence_of).collect::<Result<_, _>>()?,
             moved: take_moved(rest, head.moved)?,
         };
         let places_are_finite = course.world_from_room.is_finite() && course.eyes.iter().all(|eye| eye.is_finite());
@@ -124,6 +176,16 @@ impl Course {
         }
         Ok(course)
     }
+}
+
+fn presence_of(bytes: &[u8]) -> Result<(ObjectId, Presence), WireError> {
+    let (object, presence) = bytes.split_at(4);
+    let presence = match presence {
+        [0] => Presence::There,
+        [1] => Presence::Away,
+        _ => return Err(WireError::Bulk { what: "presences" }),
+    };
+    Ok((ObjectId(bytemuck::pod_read_unaligned(object)), presence))
 }
 
 impl ToStandby {

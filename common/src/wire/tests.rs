@@ -5,7 +5,7 @@ use glam::{DAffine3, DVec3};
 use proptest::prelude::*;
 
 use super::*;
-use crate::scene::{ChunkHash, ObjectId, SectionKind, Transform};
+use crate::scene::{ChunkHash, ObjectId, Presence, SectionKind, Transform};
 use crate::visible_set::{LeafRange, VisibleDelta, VisibleSet};
 use crate::wall::{Eye, ObserverId, TileId, ViewId};
 
@@ -22,13 +22,21 @@ fn standby_hello() -> Opening {
     Opening::Standby(StandbyHello { wall: ChunkHash([0xab; 32]), scene: ChunkHash([0xcd; 32]) })
 }
 
+fn rival_hello() -> Opening {
+    let show = StandbyHello { wall: ChunkHash([0xab; 32]), scene: ChunkHash([0xcd; 32]) };
+    Opening::Rival(RivalHello { show, live_nodes: 3, port: 7467 })
+}
+
 fn course() -> ToStandby {
     ToStandby::Course(Course {
         number: 9,
         scene_time_s: 0.5,
         world_from_room: DAffine3::from_translation(DVec3::new(1.0, 2.0, 4.0)),
         base: Some(8),
+        steering: Steering { path_frame: 7, held_after: Some(2), is_off_path: true },
         eyes: vec![DVec3::new(0.0, 0.0, 2.0)],
+        budgets: vec![Budget { triangles: None, gpu_us: Some(500) }],
+        presence: vec![(ObjectId(4), Presence::Away), (ObjectId(2), Presence::There)],
         moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
     })
 }
@@ -120,6 +128,7 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
         ("pong", bytes(|out| ToTile::Pong(Pong { at_us: 258, master_us: 3 }).encode(out))),
         ("standby hello", bytes(|out| standby_hello().encode(out))),
         ("course", bytes(|out| course().encode(out))),
+        ("rival hello", bytes(|out| rival_hello().encode(out))),
     ]
 }
 
@@ -129,16 +138,16 @@ fn golden_bytes() {
     let golden = [
         (
             "hello",
-            format!("01 4d554c4c03000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
+            format!("01 4d554c4c04000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
         ),
-        ("chunk hello", "02 4d554c4c03000000 0201000000000000".into()),
+        ("chunk hello", "02 4d554c4c04000000 0201000000000000".into()),
         ("ready", "03 0201000000000000 01 0101000000000000 0700000000000000".into()),
         ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
         ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
         (
             "welcome",
             format!(
-                "06 03000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
+                "06 04000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
                  01000000 {} 80020000 e0010000 {} {} 0500000000000000",
                 f64s(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
                 f64s(&[0.25]),
@@ -167,17 +176,19 @@ fn golden_bytes() {
         ("bye on chunks", "05 03000000 0200000000000000 6e6f".into()),
         ("ping", "0e 0201000000000000".into()),
         ("pong", "0f 0201000000000000 0300000000000000".into()),
-        ("standby hello", format!("10 4d554c4c03000000 {ab} {}", "cd".repeat(32))),
+        ("standby hello", format!("10 4d554c4c04000000 {ab} {}", "cd".repeat(32))),
         (
             "course",
             format!(
-                "11 0900000000000000 {} {} 010800000000000000 01000000 01000000 {} 06000000 {}",
+                "11 0900000000000000 {} {} 010800000000000000 0700000000000000 0102000000 01 01000000 01000000 02000000 01000000 \
+                 {} 00 01f4010000 0400000001 0200000000 06000000 {}",
                 f64s(&[0.5]),
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0]),
                 f64s(&[0.0, 0.0, 2.0]),
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
             ),
         ),
+        ("rival hello", format!("12 4d554c4c04000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
     ];
     for ((name, bytes), (golden_name, golden)) in samples().iter().zip(golden) {
         assert_eq!(*name, golden_name);
@@ -187,7 +198,7 @@ fn golden_bytes() {
 
 #[test]
 fn messages_go_round() {
-    for opening in [hello(), standby_hello()] {
+    for opening in [hello(), standby_hello(), rival_hello()] {
         assert_eq!(Opening::decode(body_of(&bytes(|out| opening.encode(out)))), Ok(opening));
     }
     for message in [course(), ToStandby::Alive] {
@@ -208,6 +219,7 @@ fn goodbye_codes_keep_their_numbers() {
     assert_eq!(ByeCode::EndOfShow.number(), 1);
     assert_eq!(ByeCode::VersionMismatch.number(), 2);
     assert_eq!(ByeCode::Failed.number(), 12);
+    assert_eq!(ByeCode::OtherMaster.number(), 13);
 }
 
 #[test]
@@ -294,7 +306,7 @@ proptest! {
 
     #[test]
     fn mutated_messages_do_not_panic(
-        which in 0..19usize, edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        which in 0..20usize, edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         keep in any::<prop::sample::Index>(), cut in any::<bool>(),
     ) {
         let mut body = body_of(&samples()[which].1).to_vec();

@@ -61,7 +61,8 @@ impl Board {
 
     /// The newest status.
     pub fn latest(&self) -> Status {
-        self.latest.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        let latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        Status { is_standing_by: self.clock.is_standing_by(), ..latest }
     }
 
     /// The status of a frame after `seen`, the count of frames that the caller knows of.

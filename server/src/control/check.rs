@@ -40,6 +40,8 @@ pub enum ControlError {
     Late,
     #[error("the show is over")]
     Over,
+    #[error("this master stands by: steer the one that drives the wall")]
+    StandingBy,
     #[error("object {object}: the scene has {count}, from 0 on")]
     NoObject { object: u32, count: usize },
     #[error("object {name:?}: no object of the scene has that name")]

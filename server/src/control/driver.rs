@@ -8,11 +8,11 @@ use glam::{DAffine3, DVec3};
 use mullion_common::camera_path::CameraPath;
 use mullion_common::scene::ObjectId;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Budget, Moved};
+use mullion_common::wire::{Budget, Course, Moved, Steering};
 
 use super::check::Change;
 use super::queue::Batches;
-use crate::service::Pose;
+use crate::service::{Pose, Succession};
 use crate::tree::Presence;
 
 /// How a show's time stands; read by whoever tells of it.
@@ -20,6 +20,7 @@ use crate::tree::Presence;
 pub struct Clock {
     path_frame: AtomicU64,
     is_paused: AtomicBool,
+    succession: Succession,
 }
 
 impl Clock {
@@ -31,6 +32,11 @@ impl Clock {
     /// Whether time is held.
     pub fn is_paused(&self) -> bool {
         self.is_paused.load(Ordering::Relaxed)
+    }
+
+    /// Whether another master drives the show.
+    pub(super) fn is_standing_by(&self) -> bool {
+        self.succession.is_standing_by()
     }
 }
 
@@ -53,7 +59,7 @@ pub struct Driver {
 struct Steered {
     wall: Arc<Wall>,
     pace: Pace,
-    /// The place on the path; none before the first frame, whose number is its place: a master that takes another's place goes on there.
+    /// The place on the path; none before the first frame, whose number is its place.
     path_frame: Option<u64>,
     /// Instead of the path.
     camera: Option<DAffine3>,
@@ -78,7 +84,8 @@ impl Driver {
             place_of: HashMap::new(),
             presence: Vec::new(),
         };
-        Self { batches, clock: Arc::default(), path, steered }
+        let clock = Arc::new(Clock { succession: batches.succession().clone(), ..Clock::default() });
+        Self { batches, clock, path, steered }
     }
 
     /// How its time stands.
@@ -86,27 +93,56 @@ impl Driver {
         Arc::clone(&self.clock)
     }
 
+    /// For the options of its show: who steers must know when this master stands by, and what it goes on from.
+    pub fn succession(&self) -> Succession {
+        self.clock.succession.clone()
+    }
+
     /// The pose of a frame; each frame is asked for once. Time passes before a frame, but for the first: a pause holds what was shown
-    /// last, and a step of one shows what comes next.
+    /// last, and a step of one shows what comes next. Where this master took another's place, that one's last frame came before. What
+    /// moved, came or went before is the service's to tell.
     pub fn pose(&mut self, frame: u64) -> Pose {
         let steered = &mut self.steered;
+        self.clock.succession.heritage().into_iter().for_each(|before| steered.inherit(before));
         self.batches.take(frame, |change| steered.apply(change));
         let path_frame = steered.pass(frame);
         self.clock.path_frame.store(path_frame, Ordering::Relaxed);
         self.clock.is_paused.store(steered.pace == Pace::Stepping(0), Ordering::Relaxed);
         steered.place_of.clear();
         Pose {
+            number: frame,
             scene_time_s: path_frame as f64 / steered.wall.rate_hz(),
             world_from_room: steered.camera.unwrap_or_else(|| self.path.pose(path_frame)),
             eyes: steered.eyes.clone(),
             moved: std::mem::take(&mut steered.moved),
             presence: std::mem::take(&mut steered.presence),
             budgets: steered.budgets.clone(),
+            steering: steered.steering(path_frame),
         }
     }
 }
 
 impl Steered {
+    /// Goes on from a frame of another master.
+    fn inherit(&mut self, before: Course) {
+        let Steering { path_frame, held_after, is_off_path } = before.steering;
+        self.pace = held_after.map_or(Pace::Running, Pace::Stepping);
+        self.path_frame = Some(path_frame);
+        self.camera = is_off_path.then_some(before.world_from_room);
+        self.eyes = before.eyes;
+        self.budgets = before.budgets;
+        self.moved.clear();
+        self.presence.clear();
+    }
+
+    fn steering(&self, path_frame: u64) -> Steering {
+        let held_after = match self.pace {
+            Pace::Running => None,
+            Pace::Stepping(left) => Some(left),
+        };
+        Steering { path_frame, held_after, is_off_path: self.camera.is_some() }
+    }
+
     /// Lets time pass, where it passes, and tells the place on the path.
     fn pass(&mut self, frame: u64) -> u64 {
         let passes = match &mut self.pace {

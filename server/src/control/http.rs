@@ -162,7 +162,7 @@ impl IntoResponse for ControlError {
     fn into_response(self) -> Response {
         let code = match self {
             Self::Full { .. } => StatusCode::TOO_MANY_REQUESTS,
-            Self::Late | Self::Over => StatusCode::SERVICE_UNAVAILABLE,
+            Self::Late | Self::Over | Self::StandingBy => StatusCode::SERVICE_UNAVAILABLE,
             Self::TooLong(_) => StatusCode::PAYLOAD_TOO_LARGE,
             Self::NoObject { .. } | Self::NoObjectNamed { .. } | Self::NoTile { .. } => StatusCode::NOT_FOUND,
             _ => StatusCode::BAD_REQUEST,

@@ -21,17 +21,15 @@ pub struct LiveScene {
     wall: Arc<Wall>,
     scene: DynamicScene,
     culler: Culler,
-    /// The next frame's number.
-    frame: u64,
     questions: Option<Questions>,
 }
 
 impl LiveScene {
-    /// A package's scene before its first frame, number 0.
+    /// A package's scene before its first frame.
     pub fn new(algorithm: Algorithm, wall: &Arc<Wall>, package: &Arc<Package>) -> Self {
         let culler = Culler::new(algorithm, wall);
         let scene = DynamicScene::new(Arc::clone(package), Bounds::default());
-        Self { algorithm, wall: Arc::clone(wall), scene, culler, frame: 0, questions: None }
+        Self { algorithm, wall: Arc::clone(wall), scene, culler, questions: None }
     }
 
     /// Answers questions after each frame.
@@ -50,9 +48,8 @@ impl LiveScene {
         if let Some(questions) = &self.questions {
             for (subject, on_snapshot) in std::iter::from_fn(|| questions.next()).take(MAX_ANSWERS) {
                 let view = (pose.eyes.as_slice(), &pose.world_from_room);
-                on_snapshot(Snapshot::take(subject, self.frame, &self.wall, &self.scene, view, sets));
+                on_snapshot(Snapshot::take(subject, pose.number, &self.wall, &self.scene, view, sets));
             }
         }
-        self.frame += 1;
     }
 }

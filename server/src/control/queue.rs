@@ -12,6 +12,7 @@ use mullion_common::wall::{TileId, Wall};
 
 use super::check::{Change, Checker, ControlError};
 use super::why::Snapshot;
+use crate::service::Succession;
 
 /// Most changes that wait for a frame, each eye counted.
 pub const MAX_QUEUED: usize = 262_144;
@@ -30,6 +31,8 @@ pub type OnSnapshot = Box<dyn FnOnce(Snapshot) + Send>;
 struct Batch {
     changes: Vec<Change>,
     weight: usize,
+    /// In which reign of this master it came in.
+    reign: u64,
     on_taken: OnTaken,
 }
 
@@ -49,12 +52,14 @@ pub struct Inlet {
     batches: SyncSender<Batch>,
     questions: SyncSender<(Subject, OnSnapshot)>,
     queued: Arc<AtomicUsize>,
+    succession: Succession,
 }
 
 /// Where frames take commands.
 pub struct Batches {
     receiver: Receiver<Batch>,
     queued: Arc<AtomicUsize>,
+    succession: Succession,
 }
 
 /// Where frames take questions.
@@ -68,8 +73,9 @@ pub fn channel(wall: &Arc<Wall>, package: &Arc<Package>) -> (Inlet, Batches, Que
     let (questions, question_receiver) = sync_channel(MAX_QUESTIONS);
     let queued = Arc::new(AtomicUsize::new(0));
     let checker = Checker::new(Arc::clone(wall), Arc::clone(package));
-    let inlet = Inlet { checker, batches, questions, queued: Arc::clone(&queued) };
-    (inlet, Batches { receiver: batch_receiver, queued }, Questions { receiver: question_receiver })
+    let succession = Succession::default();
+    let inlet = Inlet { checker, batches, questions, queued: Arc::clone(&queued), succession: succession.clone() };
+    (inlet, Batches { receiver: batch_receiver, queued, succession }, Questions { receiver: question_receiver })
 }
 
 impl Inlet {
@@ -81,7 +87,7 @@ impl Inlet {
     /// Queues commands, all for one frame.
     ///
     /// # Errors
-    /// When one of them cannot be done, or the queue is full: then none is.
+    /// When one of them cannot be done, the queue is full, or another master drives the show: then none is.
     pub fn submit(&self, commands: &[Command], on_taken: OnTaken) -> Result<(), ControlError> {
         self.queue(self.checker.changes(commands)?, on_taken)
     }
@@ -97,8 +103,11 @@ impl Inlet {
     /// Queues a question about the frame that comes next.
     ///
     /// # Errors
-    /// When the queue is full.
+    /// When the queue is full, or another master drives the show.
     pub fn ask(&self, subject: Subject, on_snapshot: OnSnapshot) -> Result<(), ControlError> {
+        if self.succession.is_standing_by() {
+            return Err(ControlError::StandingBy);
+        }
         self.questions.try_send((subject, on_snapshot)).map_err(|error| match error {
             TrySendError::Full(_) => ControlError::Full { queued: MAX_QUESTIONS, cap: MAX_QUESTIONS },
             TrySendError::Disconnected(_) => ControlError::Over,
@@ -106,13 +115,18 @@ impl Inlet {
     }
 
     fn queue(&self, changes: Vec<Change>, on_taken: OnTaken) -> Result<(), ControlError> {
+        // Before the question: what comes in between is of a reign that is over.
+        let reign = self.succession.reign();
+        if self.succession.is_standing_by() {
+            return Err(ControlError::StandingBy);
+        }
         let weight = changes.iter().map(Change::weight).sum();
         let before = self.queued.fetch_add(weight, Ordering::Relaxed);
         let full = |queued| ControlError::Full { queued, cap: MAX_QUEUED };
         let result = if before + weight > MAX_QUEUED {
             Err(full(before))
         } else {
-            self.batches.try_send(Batch { changes, weight, on_taken }).map_err(|error| match error {
+            self.batches.try_send(Batch { changes, weight, reign, on_taken }).map_err(|error| match error {
                 TrySendError::Full(_) => full(before),
                 TrySendError::Disconnected(_) => ControlError::Over,
             })
@@ -128,11 +142,18 @@ impl Batches {
     /// Takes all that waits for this frame, in order.
     pub(super) fn take(&self, frame: u64, mut change: impl FnMut(Change)) {
         // What comes in meanwhile waits for the next one.
+        let reign = self.succession.reign();
         for batch in self.receiver.try_iter().take(MAX_BATCHES) {
-            batch.changes.into_iter().for_each(&mut change);
             self.queued.fetch_sub(batch.weight, Ordering::Relaxed);
-            (batch.on_taken)(frame);
+            if batch.reign == reign {
+                batch.changes.into_iter().for_each(&mut change);
+                (batch.on_taken)(frame);
+            }
         }
+    }
+
+    pub(super) fn succession(&self) -> &Succession {
+        &self.succession
     }
 }
 

@@ -5,9 +5,10 @@ use std::collections::{HashMap, VecDeque};
 use glam::{DAffine3, DVec3};
 use mullion_common::scene::ObjectId;
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wire::{BASE_WINDOW, Budget, Course, Frame, FrameView, Moved};
+use mullion_common::wire::{BASE_WINDOW, Budget, Course, Frame, FrameView, Moved, Steering};
 
 use super::FrameInput;
+use super::last_words::LastWords;
 use mullion_common::wall::ViewId;
 
 #[derive(Debug, Default)]
@@ -32,6 +33,8 @@ pub(super) struct History {
     eyes: Vec<DVec3>,
     budgets: Vec<Budget>,
     shared_eye: DVec3,
+    steering: Steering,
+    presence: LastWords,
     moved: Vec<MovedAt>,
     place_of: HashMap<ObjectId, usize>,
 }
@@ -54,6 +57,8 @@ impl History {
         self.eyes.extend_from_slice(input.eyes);
         self.budgets.clear();
         self.budgets.extend_from_slice(input.budgets);
+        self.steering = input.steering;
+        input.presence.iter().for_each(|(object, presence)| self.presence.say(*object, *presence, input.number));
         for moved in input.moved {
             let entry = MovedAt { moved: *moved, frame: input.number };
             let place = *self.place_of.entry(moved.object).or_insert(self.moved.len());
@@ -76,7 +81,10 @@ impl History {
         course.scene_time_s = self.scene_time_s;
         course.world_from_room = self.world_from_room;
         course.base = acked.filter(|acked| *acked < newest);
+        course.steering = self.steering;
         course.eyes.clone_from(&self.eyes);
+        course.budgets.clone_from(&self.budgets);
+        self.presence.since(course.base, &mut course.presence);
         course.moved.clear();
         let is_news = |at: &&MovedAt| course.base.is_none_or(|base| at.frame > base);
         course.moved.extend(self.moved.iter().filter(is_news).map(|at| at.moved));

@@ -10,27 +10,33 @@
 
 mod admission;
 mod history;
+mod last_words;
 mod outbox;
+mod rivals;
 mod spares;
 mod standbys;
+mod standing;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
-use mullion_common::identity::NodeIdentity;
-use mullion_common::scene::ChunkHash;
+use mullion_common::identity::Bearer;
+use mullion_common::scene::{ChunkHash, ObjectId, Presence};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 use mullion_common::wire::{
     ALIVE_EVERY, Budget, Bye, ByeCode, ChunkHello, Course, Frame, Hello, Manifest, Moved, OPENING_LIMIT, Opening,
-    PROTOCOL_VERSION, Part, Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
+    PROTOCOL_VERSION, Part, Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, Steering, ToMaster, ToTile, ViewSpec, Welcome,
+    WireError,
 };
 
-use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, Standing, SwapBarrier};
+use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, SwapBarrier};
 pub use admission::Admission;
+use admission::Claim;
 use history::History;
+pub(crate) use last_words::LastWords;
 pub use outbox::{Full, Kind, MAX_QUEUED, MAX_WAITING, Message, Outbox};
 pub use spares::SPARE_AFTER;
 use spares::Spare;
@@ -94,6 +100,10 @@ pub struct FrameInput<'a> {
     pub moved: &'a [Moved],
     /// What each view may spend; empty: nothing is limited.
     pub budgets: &'a [Budget],
+    /// Objects that come or go with all below them, in this order: for standbys. Nodes are told by what views see.
+    pub presence: &'a [(ObjectId, Presence)],
+    /// How the show is steered: for standbys.
+    pub steering: Steering,
 }
 
 /// What the shell is to do.
@@ -134,6 +144,13 @@ pub enum Output {
         /// What the spare calls itself.
         spare: String,
     },
+    /// Another master says that it drives the wall with more live nodes. If that is so, this one is to stand by for it.
+    Outnumbered {
+        /// Its connection, which is closed next.
+        peer: PeerId,
+        /// Where it listens, at the address that the connection comes from.
+        port: u16,
+    },
     /// Call [`Master::begin_frame`] with that number.
     WantFrame {
         /// The number.
@@ -172,7 +189,7 @@ enum Peer {
     /// With whom its certificate is for.
     Unnamed {
         deadline: Duration,
-        identity: Option<NodeIdentity>,
+        identity: Option<Bearer>,
     },
     Node(NodeIndex),
     Chunks(NodeIndex),
@@ -205,6 +222,8 @@ struct NodeState {
 struct Connection {
     peer: PeerId,
     holder: Holder,
+    /// Whom its certificate is for.
+    identity: Option<Bearer>,
     chunk_peer: Option<PeerId>,
     session: u64,
     heard: Duration,
@@ -327,6 +346,7 @@ impl Master {
                 Opening::Control(hello) if hello.part == Part::Spare => self.greet_spare(peer, &hello, now),
                 Opening::Control(hello) => self.greet(peer, &hello, now),
                 Opening::Standby(hello) => self.greet_standby(peer, &hello, now),
+                Opening::Rival(hello) => self.greet_rival(peer, &hello),
                 Opening::Chunks(hello) => self.open_chunks(peer, hello),
             }
             self.advance(now);
@@ -449,6 +469,12 @@ impl Master {
         self.outputs.push_back(Output::Finished);
     }
 
+    /// Where the show stands, as a standby that knows nothing is told it; `None` before the first frame.
+    pub fn course(&self) -> Option<Course> {
+        let mut course = Course::default();
+        self.history.course(None, &mut course).then_some(course)
+    }
+
     /// What to do next, until there is nothing.
     pub fn poll_output(&mut self) -> Option<Output> {
         self.outputs.pop_front()
@@ -461,43 +487,8 @@ impl Master {
         }
     }
 
-    /// How many nodes are connected.
-    pub fn connected(&self) -> usize {
-        self.nodes.iter().filter(|n| n.connection.is_some()).count()
-    }
-
-    /// What a node is to the barrier.
-    pub fn standing(&self, node: NodeIndex) -> Standing {
-        self.barrier.standing(node)
-    }
-
-    /// Bytes of each node's last frame message, by `NodeIndex`; 0 for one that is not connected.
-    pub fn frame_bytes(&self) -> impl ExactSizeIterator<Item = u32> + '_ {
-        self.nodes.iter().map(|n| n.frame_bytes)
-    }
-
-    /// How often each node was passed over, by `NodeIndex`.
-    pub fn times_passed_over(&self) -> impl ExactSizeIterator<Item = u64> + '_ {
-        self.nodes.iter().map(|n| n.passed_over)
-    }
-
-    /// What each node last said of itself, by `NodeIndex`.
-    pub fn stats(&self) -> impl ExactSizeIterator<Item = Stats> + '_ {
-        self.nodes.iter().map(|n| n.stats)
-    }
-
-    /// What the node of a connection is called.
-    pub fn name_of(&self, peer: PeerId) -> Option<&str> {
-        match self.peers.get(&peer)? {
-            Peer::Unnamed { .. } => None,
-            Peer::Spare => self.spare_name(peer),
-            Peer::Standby => Some("standby"),
-            Peer::Node(node) | Peer::Chunks(node) => Some(&self.nodes[usize::from(node.0)].name),
-        }
-    }
-
     fn greet(&mut self, peer: PeerId, hello: &Hello, now: Duration) {
-        if let Err(bye) = self.admit(peer, &hello.node) {
+        if let Err(bye) = self.admit(peer, Claim::Node(&hello.node)) {
             return self.dismiss(peer, bye);
         }
         let Some(index) = self.nodes.iter().position(|n| n.name == hello.node) else {
@@ -518,15 +509,16 @@ impl Master {
             };
             self.dismiss(old_peer, bye);
         }
-        self.seat(peer, NodeIndex(index as u16), Holder::Own, now);
+        let identity = self.shown_by(peer).cloned();
+        self.seat((peer, identity), NodeIndex(index as u16), Holder::Own, now);
     }
 
-    /// Gives a node's place to a connection.
-    fn seat(&mut self, peer: PeerId, node: NodeIndex, holder: Holder, now: Duration) {
+    /// Gives a node's place to a connection, with what it has shown.
+    fn seat(&mut self, (peer, identity): (PeerId, Option<Bearer>), node: NodeIndex, holder: Holder, now: Duration) {
         let index = usize::from(node.0);
         let session = self.new_session();
         self.peers.insert(peer, Peer::Node(node));
-        let connection = Connection { peer, holder, chunk_peer: None, session, heard: now, said: now, acked: None };
+        let connection = Connection { peer, holder, identity, chunk_peer: None, session, heard: now, said: now, acked: None };
         self.nodes[index].connection = Some(connection);
         self.barrier.join(node);
         let welcome = Welcome {
@@ -548,7 +540,8 @@ impl Master {
         let Some(index) = self.nodes.iter().position(is_meant) else {
             return self.dismiss(peer, Bye::new(ByeCode::UnknownSession, "no node here has that session number"));
         };
-        if let Err(bye) = self.admit(peer, &self.nodes[index].name) {
+        let holder = self.nodes[index].connection.as_ref().and_then(|c| c.identity.as_ref());
+        if let Err(bye) = self.admit(peer, Claim::ChunksOf(&self.nodes[index].name, holder)) {
             return self.dismiss(peer, bye);
         }
         let Some(connection) = &mut self.nodes[index].connection else { return };

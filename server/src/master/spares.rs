@@ -2,9 +2,11 @@
 
 use std::time::Duration;
 
+use mullion_common::identity::Bearer;
 use mullion_common::wire::{ALIVE_EVERY, Bye, ByeCode, Hello, Pong, SILENCE_LIMIT, ToMaster, ToTile};
 
-use super::{Admission, Holder, Kind, Master, Message, Output, Peer, PeerId, TAKEOVER_AFTER};
+use super::admission::Claim;
+use super::{Holder, Kind, Master, Message, Output, Peer, PeerId, TAKEOVER_AFTER};
 use crate::swap_barrier::NodeIndex;
 
 /// How long a node must have been missing before a spare takes its place: one that is started again at once keeps it.
@@ -15,21 +17,23 @@ pub const SPARE_AFTER: Duration = Duration::from_secs(1);
 pub(super) struct Spare {
     peer: PeerId,
     name: String,
+    /// Whom its certificate is for.
+    identity: Option<Bearer>,
     heard: Duration,
     said: Duration,
 }
 
 impl Master {
     pub(super) fn greet_spare(&mut self, peer: PeerId, hello: &Hello, now: Duration) {
-        if self.admission == Admission::ByCertificate {
-            let reason = "this master takes nodes with certificates only, and a spare has none";
-            return self.dismiss(peer, Bye::new(ByeCode::Refused, reason));
+        if let Err(bye) = self.admit(peer, Claim::Spare(&hello.node)) {
+            return self.dismiss(peer, bye);
         }
         if self.spares.len() >= self.nodes.len() {
             return self.dismiss(peer, Bye::new(ByeCode::TooMany, "there is a spare for every node already"));
         }
+        let identity = self.shown_by(peer).cloned();
         self.peers.insert(peer, Peer::Spare);
-        self.spares.push(Spare { peer, name: hello.node.clone(), heard: now, said: now });
+        self.spares.push(Spare { peer, name: hello.node.clone(), identity, heard: now, said: now });
     }
 
     /// A message of a spare that has no place came in.
@@ -70,9 +74,9 @@ impl Master {
             if let Some(peer) = node.connection.as_ref().map(|c| c.peer) {
                 self.dismiss(peer, Bye::new(ByeCode::Timeout, "silent, and a spare took its place"));
             }
-            let Spare { peer, name, .. } = self.spares.remove(0);
+            let Spare { peer, name, identity, .. } = self.spares.remove(0);
             let node = NodeIndex(index as u16);
-            self.seat(peer, node, Holder::Spare, now);
+            self.seat((peer, identity), node, Holder::Spare, now);
             self.outputs.push_back(Output::StoodIn { node, spare: name });
         }
         for quiet in 0..self.spares.len() {

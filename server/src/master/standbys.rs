@@ -4,10 +4,11 @@ use std::time::Duration;
 
 use mullion_common::wire::{Bye, ByeCode, SILENCE_LIMIT, StandbyHello, ToMaster, ToStandby, WireError};
 
-use super::{Admission, Kind, Master, Message, Output, Peer, PeerId};
+use super::admission::Claim;
+use super::{Kind, Master, Message, Output, Peer, PeerId, TAKEOVER_AFTER};
 
-/// Most standbys at once.
-pub const MAX_STANDBYS: usize = 2;
+/// Most standbys at once: two would both take this one's place. A further one stands by for the standby.
+pub const MAX_STANDBYS: usize = 1;
 
 /// How often a standby is told something at least, so that it soon finds that this master is gone.
 pub const TELL_STANDBYS_EVERY: Duration = Duration::from_millis(100);
@@ -22,27 +23,33 @@ pub(super) struct Standby {
 
 impl Master {
     pub(super) fn greet_standby(&mut self, peer: PeerId, hello: &StandbyHello, now: Duration) {
-        if self.admission == Admission::ByCertificate {
-            let reason = "this master takes nodes with certificates only, and a standby has none";
-            return self.dismiss(peer, Bye::new(ByeCode::Refused, reason));
+        if let Err(bye) = self.admit(peer, Claim::Master) {
+            return self.dismiss(peer, bye);
         }
-        let refusal = match StandbyHello::of(&self.wall, &self.options.sections) {
-            Err(error) => Some((ByeCode::Failed, error.to_string())),
-            Ok(own) if own.wall != hello.wall => Some((ByeCode::Refused, "the standby has another wall than its master".into())),
-            Ok(own) if own.scene != hello.scene => {
-                Some((ByeCode::Refused, "the standby has another scene than its master".into()))
-            }
-            Ok(_) if self.standbys.len() >= MAX_STANDBYS => {
-                Some((ByeCode::TooMany, format!("{MAX_STANDBYS} masters stand by already")))
-            }
-            Ok(_) => None,
-        };
-        if let Some((code, reason)) = refusal {
-            return self.dismiss(peer, Bye::new(code, reason));
+        if let Some(bye) = self.other_show(hello) {
+            return self.dismiss(peer, bye);
+        }
+        // One that is connected again may be heard before its old connection is found to be lost.
+        if let Some(silent) = self.standbys.iter().find(|s| now >= s.heard + TAKEOVER_AFTER).map(|s| s.peer) {
+            self.dismiss(silent, Bye::new(ByeCode::Timeout, "silent, and another standby took its place"));
+        }
+        if self.standbys.len() >= MAX_STANDBYS {
+            let reason = "a master stands by already: stand by for that one";
+            return self.dismiss(peer, Bye::new(ByeCode::TooMany, reason));
         }
         self.peers.insert(peer, Peer::Standby);
         self.standbys.push(Standby { peer, heard: now, said: now, acked: None });
         self.send_courses(now);
+    }
+
+    /// Why a master with another wall or scene is not listened to.
+    pub(super) fn other_show(&self, hello: &StandbyHello) -> Option<Bye> {
+        match StandbyHello::of(&self.wall, &self.options.sections) {
+            Err(error) => Some(Bye::new(ByeCode::Failed, error.to_string())),
+            Ok(own) if own.wall != hello.wall => Some(Bye::new(ByeCode::Refused, "the two masters have different walls")),
+            Ok(own) if own.scene != hello.scene => Some(Bye::new(ByeCode::Refused, "the two masters have different scenes")),
+            Ok(_) => None,
+        }
     }
 
     /// A message of a standby came in.

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use futures_util::StreamExt;
-use mullion_common::identity::NodeIdentity;
+use mullion_common::identity::Bearer;
 use mullion_common::scene::ChunkHash;
 use mullion_common::wire::{
     ALIVE_EVERY, ChunkReply, LENGTH_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_OPENING_BYTES, MAX_TO_MASTER_BYTES, MAX_WANTED, Piece,
@@ -39,10 +39,10 @@ pub(super) enum Role {
 
 /// From a connection to the master's loop.
 pub(super) enum Event {
-    /// It has shown a certificate for this node.
+    /// It has shown a certificate that says whom it is for.
     Identity {
         peer: PeerId,
-        identity: NodeIdentity,
+        identity: Bearer,
     },
     /// It is closed before it could say anything.
     NotAdmitted {

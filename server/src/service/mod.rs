@@ -9,6 +9,7 @@ mod mailbox;
 mod network;
 mod pose;
 mod standby;
+mod succession;
 mod transport;
 
 use std::collections::BTreeMap;
@@ -23,7 +24,7 @@ use std::time::Duration;
 use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, MAX_TILE_SECTION_BYTES, Moved, Shown, Stats};
+use mullion_common::wire::{Bye, ByeCode, Course, MAX_TILE_SECTION_BYTES, Shown, Stats};
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -37,7 +38,7 @@ use connection::{Connection, Event, Role};
 use mailbox::Mailbox;
 pub use network::{Connecting, Connector, Listener, Reader, Socket, Writer};
 pub use pose::Pose;
-use standby::Inherited;
+pub use succession::Succession;
 pub use transport::{MasterTls, Security, SecurityError};
 
 /// Events that may wait for the master's loop; beyond, connections are not read.
@@ -77,6 +78,8 @@ pub struct ShowOptions {
     pub connector: Connector,
     /// Makes session numbers unguessable; `None`: random bytes, fresh for each run. Fixed ones let a simulation be run again.
     pub session_seed: Option<[u8; 32]>,
+    /// Tells whoever steers the show when this master stands by, and what it goes on from.
+    pub succession: Succession,
 }
 
 impl ShowOptions {
@@ -92,6 +95,7 @@ impl ShowOptions {
             standby_of: None,
             connector: Connector::default(),
             session_seed: None,
+            succession: Succession::default(),
         }
     }
 
@@ -267,9 +271,9 @@ pub async fn serve_over(listener: impl Listener, mut show: Show) -> Result<ShowR
     let (blobs, sections) = Blobs::new(Arc::clone(&show.package))?;
     let (wait, start_wait) = (show.options.barrier_wait, show.options.start_wait);
     let inherited = match show.options.standby_of.clone() {
-        None => Inherited::default(),
+        None => None,
         Some(master) => match standby::stand_by(&listener, &master, &mut show, &sections).await? {
-            Some(inherited) => inherited,
+            Some(inherited) => Some(inherited),
             None => return Ok(ShowReport::default()), // the show ended before it was this master's turn
         },
     };
@@ -277,7 +281,7 @@ pub async fn serve_over(listener: impl Listener, mut show: Show) -> Result<ShowR
     let options = MasterOptions {
         barrier,
         pace,
-        first_frame: inherited.first_frame,
+        first_frame: inherited.as_ref().map_or(0, |course| course.number + 1),
         frames: show.options.frames,
         sections,
         session_seed: show.options.session_seed.unwrap_or_else(random_bytes),
@@ -305,7 +309,7 @@ pub async fn serve_over(listener: impl Listener, mut show: Show) -> Result<ShowR
         fault: None,
         wanted: None,
         complaints: Complaints::default(),
-        inherited: inherited.moved,
+        inherited,
         show,
     };
     service.run(listener, inbox).await
@@ -377,8 +381,8 @@ struct Service {
     fault: Option<ServiceError>,
     wanted: Option<u64>,
     complaints: Complaints,
-    /// Objects that moved under the master before.
-    inherited: Vec<Moved>,
+    /// Where the show stood under the master before.
+    inherited: Option<Course>,
     show: Show,
 }
 
@@ -551,6 +555,7 @@ impl Service {
                 let node = self.show.wall.nodes()[usize::from(node.0)].name.clone();
                 (self.show.node_observer)(&NodeEvent::StoodIn { node, spare });
             }
+            Output::Outnumbered { .. } => {}
             Output::WantFrame { number } => self.wanted = Some(number),
             Output::Finished => self.is_finished = true,
         }
@@ -569,9 +574,10 @@ impl Service {
         }
         let _frame = tracing::debug_span!("frame", number).entered();
         let mut pose = (self.show.camera)(number);
-        if !self.inherited.is_empty() {
-            let newer = std::mem::replace(&mut pose.moved, std::mem::take(&mut self.inherited));
-            pose.moved.extend(newer);
+        pose.number = number;
+        if let Some(before) = self.inherited.take() {
+            pose.moved.splice(..0, before.moved);
+            pose.presence.splice(..0, before.presence);
         }
         if let Err(problem) = pose.check(self.show.wall.views().len(), self.show.package.scene.manifest.transforms.len()) {
             let fault = ServiceError::Pose { frame: number, problem };
@@ -592,6 +598,8 @@ impl Service {
             sets: &self.sets,
             moved: &pose.moved,
             budgets: &pose.budgets,
+            presence: &pose.presence,
+            steering: pose.steering,
         };
         let _send = tracing::debug_span!("send").entered();
         let mut before = std::time::Instant::now();

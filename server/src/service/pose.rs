@@ -2,13 +2,15 @@
 
 use glam::{DAffine3, DVec3};
 use mullion_common::scene::ObjectId;
-use mullion_common::wire::{Budget, Moved};
+use mullion_common::wire::{Budget, Moved, Steering};
 
 use crate::tree::Presence;
 
 /// Where everything is in one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pose {
+    /// The frame's number. The service sets it, whatever the camera says.
+    pub number: u64,
     /// Time in the scene, seconds.
     pub scene_time_s: f64,
     /// Where the room is in the world.
@@ -24,6 +26,8 @@ pub struct Pose {
     pub presence: Vec<(ObjectId, Presence)>,
     /// What each view may spend, by `ViewId`; empty: nothing is limited.
     pub budgets: Vec<Budget>,
+    /// How commands hold time and room: for masters that stand by.
+    pub steering: Steering,
 }
 
 impl Pose {

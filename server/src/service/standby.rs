@@ -4,16 +4,20 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use futures_util::StreamExt;
-use mullion_common::scene::ObjectId;
+use mullion_common::scene::{ObjectId, Package};
+use mullion_common::tls::describe;
+use mullion_common::wall::Wall;
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, MAX_TO_TILE_BYTES, Moved, Opening, SectionRef, StandbyHello, Stats, ToMaster, ToStandby, WireError,
+    ALIVE_EVERY, Bye, ByeCode, Course, MAX_TO_TILE_BYTES, Moved, Opening, SectionRef, StandbyHello, Stats, ToMaster, ToStandby,
+    WireError,
 };
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 
 use super::connection::{framed, write_all};
 use super::network::{Connector, Listener, Socket, Writer};
+use super::transport::{Security, connect};
 use super::{NodeEvent, ServiceError, Show, stopped};
-use crate::master::TELL_STANDBYS_EVERY;
+use crate::master::{LastWords, TELL_STANDBYS_EVERY};
 
 /// How long a master may say nothing before it counts as gone.
 const SILENCE: Duration = Duration::from_secs(1);
@@ -24,22 +28,14 @@ const TRY_AGAIN_FOR: Duration = Duration::from_millis(150);
 /// How long a first master is waited for between attempts.
 const TRY_EVERY: Duration = Duration::from_millis(30);
 
-/// What the new master takes from the old one.
-#[derive(Debug, Default)]
-pub(super) struct Inherited {
-    /// The frame after the last one that was heard of.
-    pub first_frame: u64,
-    /// Objects that are not where the manifest has them.
-    pub moved: Vec<Moved>,
-}
-
 /// How a connection to the master ended.
 enum Parting {
     Lost(String),
     Bye(Bye),
 }
 
-/// Stands by until it is this master's turn. `None`: the show ended, or was stopped, before that.
+/// Stands by until it is this master's turn, and gives the last course that was heard of, with all that moved, came or went. `None`: the
+/// show ended, or was stopped, before that.
 ///
 /// Nodes that come meanwhile are turned away by closing their connections: they try their other masters.
 pub(super) async fn stand_by(
@@ -47,15 +43,16 @@ pub(super) async fn stand_by(
     master: &str,
     show: &mut Show,
     sections: &[SectionRef],
-) -> Result<Option<Inherited>, ServiceError> {
+) -> Result<Option<Course>, ServiceError> {
     let hello = StandbyHello::of(&show.wall, sections).map_err(std::io::Error::other)?;
-    let mut known = Known::default();
+    let mut known = Known::of(&show.wall, &show.package);
     let mut stop = show.stop.clone();
-    let connector = show.options.connector.clone();
+    let (connector, security) = (show.options.connector.clone(), show.options.security.clone());
+    show.options.succession.stand_by();
     (show.node_observer)(&NodeEvent::StandingBy);
     let reason = tokio::select! {
         biased;
-        parting = follow(&connector, master, &hello, &mut known) => match parting {
+        parting = follow((&connector, &security), master, &hello, &mut known) => match parting {
             Parting::Bye(bye) if bye.code == ByeCode::EndOfShow => return Ok(None),
             Parting::Bye(bye) => return Err(ServiceError::Standby(bye)),
             Parting::Lost(reason) => reason,
@@ -63,9 +60,10 @@ pub(super) async fn stand_by(
         () = turn_away(listener) => unreachable!("it has no end"),
         () = stopped(&mut stop) => return Ok(None),
     };
-    let inherited = known.inherited();
-    (show.node_observer)(&NodeEvent::TookOver { frame: inherited.first_frame, reason });
-    Ok(Some(inherited))
+    let Some(course) = known.course() else { return Ok(None) };
+    (show.node_observer)(&NodeEvent::TookOver { frame: course.number + 1, reason });
+    show.options.succession.take_over(course.clone());
+    Ok(Some(course))
 }
 
 async fn turn_away(listener: &impl Listener) {
@@ -77,26 +75,59 @@ async fn turn_away(listener: &impl Listener) {
 }
 
 /// Where the show stands, as far as it was heard.
-#[derive(Default)]
 struct Known {
-    newest: Option<u64>,
+    views: usize,
+    objects: usize,
+    /// But for what it says of objects, which is below.
+    newest: Option<Course>,
     moved: BTreeMap<ObjectId, Moved>,
+    presence: LastWords,
 }
 
 impl Known {
-    fn inherited(self) -> Inherited {
-        let first_frame = self.newest.map_or(0, |newest| newest + 1);
-        Inherited { first_frame, moved: self.moved.into_values().collect() }
+    fn of(wall: &Wall, package: &Package) -> Self {
+        let (views, objects) = (wall.views().len(), package.scene.manifest.transforms.len());
+        Self { views, objects, newest: None, moved: BTreeMap::new(), presence: LastWords::default() }
+    }
+
+    /// Takes a course, unless it is not one of this wall and scene.
+    fn take(&mut self, mut course: Course) -> Result<(), &'static str> {
+        let is_known = |object: ObjectId| (object.0 as usize) < self.objects;
+        if course.eyes.len() != self.views || ![0, self.views].contains(&course.budgets.len()) {
+            return Err("a course of another wall");
+        }
+        if !course.moved.iter().all(|moved| is_known(moved.object))
+            || !course.presence.iter().all(|(object, _)| is_known(*object))
+        {
+            return Err("a course of another scene");
+        }
+        if course.base.is_none() {
+            self.moved.clear(); // all that moved, came or went is in it
+            self.presence.clear();
+        }
+        self.moved.extend(course.moved.drain(..).map(|moved| (moved.object, moved)));
+        course.presence.drain(..).for_each(|(object, presence)| self.presence.say(object, presence, course.number));
+        self.newest = Some(course);
+        Ok(())
+    }
+
+    /// The newest course, as one that stands on nothing.
+    fn course(self) -> Option<Course> {
+        let mut course = self.newest?;
+        course.base = None;
+        course.moved = self.moved.into_values().collect();
+        self.presence.since(None, &mut course.presence);
+        Some(course)
     }
 }
 
 /// Follows the master until it says goodbye, or is gone. A master that was never there is waited for: the standby may be started first.
-async fn follow(connector: &Connector, master: &str, hello: &StandbyHello, known: &mut Known) -> Parting {
+async fn follow(network: (&Connector, &Security), master: &str, hello: &StandbyHello, known: &mut Known) -> Parting {
     let mut lost: Option<(Instant, String)> = None;
     loop {
-        let parting = match timeout(SILENCE, connector.connect(master)).await {
+        let parting = match timeout(SILENCE, connect(master, network)).await {
             Ok(Ok(socket)) => converse(socket, hello, known, &mut lost).await,
-            Ok(Err(error)) => Parting::Lost(error.to_string()),
+            Ok(Err(error)) => Parting::Lost(describe(&error)),
             Err(_) => Parting::Lost("no answer".into()),
         };
         match parting {
@@ -118,7 +149,7 @@ async fn follow(connector: &Connector, master: &str, hello: &StandbyHello, known
 
 /// One connection. `lost` is emptied once the master has said something on it.
 async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost: &mut Option<(Instant, String)>) -> Parting {
-    let gone = |error: std::io::Error| Parting::Lost(error.to_string());
+    let gone = |error: std::io::Error| Parting::Lost(describe(&error));
     let Socket { reader, mut writer } = socket;
     let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
     let mut buffer = Vec::new();
@@ -143,12 +174,11 @@ async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost:
                 *lost = None;
                 match ToStandby::decode(&body) {
                     Ok(ToStandby::Course(course)) => {
-                        if course.base.is_none() {
-                            known.moved.clear(); // all that moved is in it
+                        let frame = course.number;
+                        if let Err(problem) = known.take(course) {
+                            return Parting::Lost(format!("the master sent {problem}"));
                         }
-                        known.moved.extend(course.moved.iter().map(|moved| (moved.object, *moved)));
-                        known.newest = Some(course.number);
-                        ToMaster::Ready { frame: course.number, shown: None }
+                        ToMaster::Ready { frame, shown: None }
                     }
                     Ok(ToStandby::Alive) => continue,
                     Ok(ToStandby::Bye(bye)) => return Parting::Bye(bye),

@@ -4,7 +4,8 @@ use std::fmt;
 use std::io;
 use std::sync::Arc;
 
-use mullion_common::identity::{Bearer, IdentityError, IdentityFile, NodeIdentity};
+use mullion_common::identity::{Bearer, IdentityError, IdentityFile};
+use mullion_common::tls;
 use mullion_common::wire::{ALIVE_EVERY, Bye, ByeCode, OPENING_LIMIT, ToTile};
 use rustls::crypto::ring;
 use rustls::server::{NoServerSessionStorage, VerifierBuilderError, WebPkiClientVerifier};
@@ -13,9 +14,9 @@ use rustls::{CertificateError, RootCertStore, ServerConfig};
 use thiserror::Error;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::time::timeout;
-use tokio_rustls::TlsAcceptor;
+use tokio_rustls::{TlsAcceptor, TlsConnector};
 
-use super::network::{Reader, Socket, Writer};
+use super::network::{Connector, Reader, Socket, Writer};
 
 /// The first byte that whoever speaks TLS sends. No greeting of ours is so short: it is the low byte of a length.
 const TLS_HANDSHAKE: u8 = 22;
@@ -30,19 +31,24 @@ pub enum Security {
     Tls(MasterTls),
 }
 
-/// What a master shows its nodes, and takes from them.
+/// What a master shows its nodes and other masters, and takes from them.
 #[derive(Clone)]
-pub struct MasterTls(TlsAcceptor);
+pub struct MasterTls {
+    acceptor: TlsAcceptor,
+    /// For connections to other masters.
+    connector: TlsConnector,
+}
 
 impl MasterTls {
     /// From the master's identity file.
     ///
     /// # Errors
-    /// When the file is for a node, or its parts do not belong together.
+    /// When the file is for no master, or its parts do not belong together.
     pub fn new(identity: IdentityFile) -> Result<Self, SecurityError> {
-        if let Bearer::Node(node) = identity.bearer {
-            return Err(SecurityError::IsNode(node.name));
+        if identity.bearer != Bearer::Master {
+            return Err(SecurityError::NoMaster(identity.bearer));
         }
+        let connector = TlsConnector::from(Arc::new(tls::to_master(&identity)?));
         let mut roots = RootCertStore::empty();
         roots.add(identity.authority)?;
         let provider = Arc::new(ring::default_provider());
@@ -53,7 +59,7 @@ impl MasterTls {
         // A resumed session would stand for a certificate that was shown long ago.
         config.session_storage = Arc::new(NoServerSessionStorage {});
         config.send_tls13_tickets = 0;
-        Ok(Self(TlsAcceptor::from(Arc::new(config))))
+        Ok(Self { acceptor: TlsAcceptor::from(Arc::new(config)), connector })
     }
 }
 
@@ -67,8 +73,10 @@ impl fmt::Debug for MasterTls {
 #[derive(Debug, Error)]
 #[allow(missing_docs)]
 pub enum SecurityError {
-    #[error("is for node {0:?}: a master needs the master.pem that `mullion enroll` wrote")]
-    IsNode(String),
+    #[error(
+        "is for {0}: a master needs the master.pem, and one that stands by the standbys/NAME.pem, that `mullion enroll` wrote"
+    )]
+    NoMaster(Bearer),
     #[error("cannot be used: {0}")]
     Tls(#[from] rustls::Error),
     #[error("names an authority that cannot be used: {0}")]
@@ -80,7 +88,7 @@ pub(super) struct Admitted {
     pub reader: Reader,
     pub writer: Writer,
     /// Whom its certificate is for.
-    pub identity: Option<NodeIdentity>,
+    pub identity: Option<Bearer>,
 }
 
 /// Does what comes before the first message, within [`OPENING_LIMIT`].
@@ -90,10 +98,23 @@ pub(super) struct Admitted {
 pub(super) async fn admit(socket: Socket, security: &Security) -> Result<Admitted, String> {
     match security {
         Security::Plain => Ok(Admitted { reader: socket.reader, writer: socket.writer, identity: None }),
-        Security::Tls(MasterTls(acceptor)) => match timeout(OPENING_LIMIT, shake_hands(socket, acceptor)).await {
+        Security::Tls(MasterTls { acceptor, .. }) => match timeout(OPENING_LIMIT, shake_hands(socket, acceptor)).await {
             Ok(result) => result,
             Err(_) => Err(format!("no TLS handshake within {} s", OPENING_LIMIT.as_secs())),
         },
+    }
+}
+
+/// Connects to another master. The caller bounds the time.
+pub(super) async fn connect(master: &str, (connector, security): (&Connector, &Security)) -> io::Result<Socket> {
+    let socket = connector.connect(master).await?;
+    match security {
+        Security::Plain => Ok(socket),
+        Security::Tls(MasterTls { connector, .. }) => {
+            let whole = tokio::io::join(socket.reader, socket.writer);
+            let (reader, writer) = tokio::io::split(connector.connect(tls::name_of_master()?, whole).await?);
+            Ok(Socket { reader: Box::new(reader), writer: Box::new(writer) })
+        }
     }
 }
 
@@ -114,7 +135,7 @@ async fn shake_hands(socket: Socket, acceptor: &TlsAcceptor) -> Result<Admitted,
         Ok(stream) => {
             let certificate = stream.get_ref().1.peer_certificates().and_then(<[_]>::first);
             let bearer = certificate.ok_or(IdentityError::NoBearer).and_then(Bearer::of_certificate);
-            let Ok(Bearer::Node(identity)) = bearer else { return Err("its certificate is for no node".into()) };
+            let Ok(identity) = bearer else { return Err("its certificate is of nobody on a wall".into()) };
             let (reader, writer) = tokio::io::split(stream);
             Ok(Admitted { reader: Box::new(reader), writer: Box::new(writer), identity: Some(identity) })
         }
@@ -126,10 +147,10 @@ async fn shake_hands(socket: Socket, acceptor: &TlsAcceptor) -> Result<Admitted,
     }
 }
 
-/// A node that knows nothing of certificates reads this.
+/// Who knows nothing of certificates reads this.
 async fn refuse_plainly(mut stream: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<()> {
-    let reason = "this master takes nodes with certificates only: start the node with --identity, and the file that `mullion enroll` \
-                  wrote for it";
+    let reason = "this master takes peers with certificates only: start with --identity, and the file that `mullion enroll` wrote for this \
+                  node, spare or standby";
     let mut bytes = Vec::new();
     ToTile::Bye(Bye::new(ByeCode::Refused, reason)).encode(&mut bytes).map_err(io::Error::other)?;
     stream.write_all(&bytes).await?;

@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use glam::DAffine3;
 use mullion_common::geometry::{Obb, RELATIVE_SLACK};
-use mullion_common::scene::{NodeId, ObjectId, Package, Scene};
-use serde::{Deserialize, Serialize};
+use mullion_common::scene::{NodeId, ObjectId, Package, Presence, Scene};
 
 use super::{Bounds, CullTree, TreeForm};
 
@@ -93,15 +92,6 @@ impl DynamicScene {
             self.tree.move_leaf(*leaf, &bound);
         }
     }
-}
-
-/// Whether an object is part of the scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Presence {
-    /// It is culled, and drawn where it is seen.
-    There,
-    /// No view sees it.
-    Away,
 }
 
 /// Whether a transform keeps angles, so that what a box was grown by for rounding grows with it in every direction. False where it is

@@ -20,8 +20,9 @@ use mullion_common::scene::{NodeId, ObjectHierarchy};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 pub use build::hierarchy_over;
-pub use dynamic::{DynamicScene, Presence};
+pub use dynamic::DynamicScene;
 pub use file::FileTree;
+pub use mullion_common::scene::Presence;
 use paths::{ALL_LANES, Paths};
 use rebuild::Rebuild;
 pub use wide::WideTree;

@@ -1,0 +1,43 @@
+//! How the nodes of a master stand.
+
+use mullion_common::wire::Stats;
+
+use super::{Master, Peer, PeerId};
+use crate::swap_barrier::{NodeIndex, Standing};
+
+impl Master {
+    /// How many nodes are connected.
+    pub fn connected(&self) -> usize {
+        self.nodes.iter().filter(|n| n.connection.is_some()).count()
+    }
+
+    /// What a node is to the barrier.
+    pub fn standing(&self, node: NodeIndex) -> Standing {
+        self.barrier.standing(node)
+    }
+
+    /// Bytes of each node's last frame message, by `NodeIndex`; 0 for one that is not connected.
+    pub fn frame_bytes(&self) -> impl ExactSizeIterator<Item = u32> + '_ {
+        self.nodes.iter().map(|n| n.frame_bytes)
+    }
+
+    /// How often each node was passed over, by `NodeIndex`.
+    pub fn times_passed_over(&self) -> impl ExactSizeIterator<Item = u64> + '_ {
+        self.nodes.iter().map(|n| n.passed_over)
+    }
+
+    /// What each node last said of itself, by `NodeIndex`.
+    pub fn stats(&self) -> impl ExactSizeIterator<Item = Stats> + '_ {
+        self.nodes.iter().map(|n| n.stats)
+    }
+
+    /// What the node of a connection is called.
+    pub fn name_of(&self, peer: PeerId) -> Option<&str> {
+        match self.peers.get(&peer)? {
+            Peer::Unnamed { .. } => None,
+            Peer::Spare => self.spare_name(peer),
+            Peer::Standby => Some("standby"),
+            Peer::Node(node) | Peer::Chunks(node) => Some(&self.nodes[usize::from(node.0)].name),
+        }
+    }
+}
