@@ -12,7 +12,7 @@ use tokio::time::{Instant, sleep, timeout, timeout_at};
 
 use super::connection::{framed, write_all};
 use super::network::{Connector, Listener, Socket, Writer};
-use super::{NodeEvent, ServiceError, Show, stopped};
+use super::{NodeEvent, Rate, ServiceError, Show, stopped};
 use crate::master::TELL_STANDBYS_EVERY;
 
 /// How long a master may say nothing before it counts as gone.
@@ -27,7 +27,7 @@ const TRY_EVERY: Duration = Duration::from_millis(30);
 /// What the new master takes from the old one.
 #[derive(Debug, Default)]
 pub(super) struct Inherited {
-    /// The frame after the last one that was heard of.
+    /// A frame after all that the old one can have shown.
     pub first_frame: u64,
     /// Objects that are not where the manifest has them.
     pub moved: Vec<Moved>,
@@ -63,7 +63,7 @@ pub(super) async fn stand_by(
         () = turn_away(listener) => unreachable!("it has no end"),
         () = stopped(&mut stop) => return Ok(None),
     };
-    let inherited = known.inherited();
+    let inherited = known.inherited(show.options.rate);
     (show.node_observer)(&NodeEvent::TookOver { frame: inherited.first_frame, reason });
     Ok(Some(inherited))
 }
@@ -79,13 +79,18 @@ async fn turn_away(listener: &impl Listener) {
 /// Where the show stands, as far as it was heard.
 #[derive(Default)]
 struct Known {
-    newest: Option<u64>,
+    /// The newest frame, and when it was heard of.
+    newest: Option<(u64, Instant)>,
     moved: BTreeMap<ObjectId, Moved>,
 }
 
 impl Known {
-    fn inherited(self) -> Inherited {
-        let first_frame = self.newest.map_or(0, |newest| newest + 1);
+    /// Frames are counted on for the time since the newest was heard of: the master may have shown more, unheard, before it was gone.
+    fn inherited(self, rate: Rate) -> Inherited {
+        let first_frame = self.newest.map_or(0, |(newest, heard)| match rate {
+            Rate::AsFastAsPossible => newest + 1,
+            Rate::Hz(hz) => newest + 1 + (heard.elapsed().as_secs_f64() * hz).ceil() as u64,
+        });
         Inherited { first_frame, moved: self.moved.into_values().collect() }
     }
 }
@@ -147,7 +152,7 @@ async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost:
                             known.moved.clear(); // all that moved is in it
                         }
                         known.moved.extend(course.moved.iter().map(|moved| (moved.object, *moved)));
-                        known.newest = Some(course.number);
+                        known.newest = Some((course.number, heard));
                         ToMaster::Ready { frame: course.number, shown: None }
                     }
                     Ok(ToStandby::Alive) => continue,
