@@ -8,7 +8,7 @@
 //! - no frame waits longer than the barrier's wait, and only who has a fault of its own is passed over, or misses a frame;
 //! - what a node applies is what the master saw, in its order and at its scene time, also under the master that takes over;
 //! - a standby takes over from a master that is gone, and from no other: there is one master at a time;
-//! - queues and connections keep to their bounds;
+//! - queues keep to their bounds, and no connection stays when who made it is gone;
 //! - a second after a node could connect again, if nothing happens any more, it shows the newest frames. It can connect when the fault is
 //!   over, it has found that its connection is gone (10 s of silence; 3 s where there is a standby), and its pause is over (1 s at most).
 //!

@@ -6,9 +6,8 @@ use std::time::Duration;
 
 use mullion_client::protocol_node::Step;
 use mullion_client::tile_session::FrameToDraw;
-use mullion_common::wall::Wall;
 use mullion_server::master::MAX_WAITING;
-use mullion_server::service::{FrameReport, NodeEvent, ShowOptions, ShowReport, max_connections};
+use mullion_server::service::{FrameReport, NodeEvent, ShowOptions, ShowReport};
 use mullion_server::swap_barrier::Standing;
 use tokio::sync::watch;
 
@@ -66,7 +65,8 @@ pub struct Observed {
     /// By host: whether its process is dead.
     pub is_dead: [bool; 2],
     plan: Plan,
-    wall: Arc<Wall>,
+    /// Connections that the master has, when it released the newest frame.
+    open: usize,
     barrier_wait: Duration,
     reigns: Vec<Reign>,
     reign_of: [usize; 2],
@@ -95,8 +95,7 @@ fn now() -> Duration {
 
 impl Observed {
     pub fn new(plan: &Plan, stop: watch::Receiver<bool>) -> Self {
-        let wall = wall(plan.grid);
-        let barrier_wait = ShowOptions::for_wall(&wall).barrier_wait;
+        let barrier_wait = ShowOptions::for_wall(&wall(plan.grid)).barrier_wait;
         let players = (0..plan.places() + plan.spares).map(|_| Player::default()).collect();
         Self {
             seed: plan.seed,
@@ -104,7 +103,7 @@ impl Observed {
             broken: None,
             is_dead: [false; 2],
             plan: plan.clone(),
-            wall,
+            open: 0,
             barrier_wait,
             reigns: Vec::new(),
             reign_of: [0; 2],
@@ -293,8 +292,7 @@ impl Observed {
         self.ruling = Some(reign);
         let waiting = frame.longest_queue as usize;
         self.hold(waiting <= MAX_WAITING, || format!("{waiting} messages wait for one peer"));
-        let (open, most) = (frame.open as usize, max_connections(&self.wall));
-        self.hold(open <= most, || format!("{open} connections are open; {most} may be"));
+        self.open = frame.open as usize;
     }
 
     fn check_order(&mut self, reign: usize, number: u64) {
@@ -343,6 +341,12 @@ impl Observed {
             if shown.is_none_or(|(_, at)| at + FRESH < end) {
                 return Err(format!("player {player} shows {shown:?} at {end:?}"));
             }
+        }
+        // What is written to one who vanished is waited for, 10 s each.
+        let stale = self.plan.strikes.iter().filter(|strike| strike.blow.is_silent()).count();
+        let most = self.honest().count() + usize::from(self.plan.has_standby) + stale;
+        if self.open > most {
+            return Err(format!("{} connections are open; {most} have a reason", self.open));
         }
         Ok(())
     }
