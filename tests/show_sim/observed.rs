@@ -6,16 +6,15 @@ use std::time::Duration;
 
 use mullion_client::protocol_node::Step;
 use mullion_client::tile_session::FrameToDraw;
-use mullion_common::wall::Wall;
 use mullion_server::master::MAX_WAITING;
-use mullion_server::service::{FrameReport, NodeEvent, ShowOptions, ShowReport, max_connections};
+use mullion_server::service::{FrameReport, NodeEvent, ShowOptions, ShowReport};
 use mullion_server::swap_barrier::Standing;
 use tokio::sync::watch;
 
+use crate::BACK_WITHIN;
 use crate::cast::{LEAVES, MASTERS, RATE_HZ, wall};
 use crate::plan::{Blow, Plan};
 use crate::session_support::visible;
-use crate::{BACK_WITHIN, TICK};
 
 /// How long messages of a fault may still be on their way when it is over.
 const AFTERMATH: Duration = Duration::from_millis(100);
@@ -44,6 +43,8 @@ struct Connection {
     /// The newest frame shown, and when.
     shown: Option<(u64, Duration)>,
     first_shown: Option<Duration>,
+    /// The place whose frames it gets.
+    place: usize,
 }
 
 /// A node or a spare; its processes, one after the other.
@@ -55,6 +56,7 @@ struct Player {
     has_left: bool,
 }
 
+/// What is seen, and what was seen first that must not be.
 pub struct Observed {
     pub seed: u64,
     pub stop: watch::Receiver<bool>,
@@ -63,7 +65,8 @@ pub struct Observed {
     /// By host: whether its process is dead.
     pub is_dead: [bool; 2],
     plan: Plan,
-    wall: Arc<Wall>,
+    /// Connections that the master has, when it released the newest frame.
+    open: usize,
     barrier_wait: Duration,
     reigns: Vec<Reign>,
     reign_of: [usize; 2],
@@ -75,8 +78,14 @@ pub struct Observed {
     pub stand_ins: u64,
     pub passed_over: u64,
     pub refused: u64,
+    /// The master that ran the show has ended it.
+    has_ended: bool,
     /// Longest time from the strike on a master to the first frame that a node shows of the next one.
     pub longest_gap: Duration,
+    /// When each place last showed a frame.
+    lit: Vec<Option<Duration>>,
+    /// Longest time between two frames that one place showed.
+    pub longest_dark: Duration,
     pub trace: u64,
 }
 
@@ -86,8 +95,7 @@ fn now() -> Duration {
 
 impl Observed {
     pub fn new(plan: &Plan, stop: watch::Receiver<bool>) -> Self {
-        let wall = wall(plan.grid);
-        let barrier_wait = ShowOptions::for_wall(&wall).barrier_wait;
+        let barrier_wait = ShowOptions::for_wall(&wall(plan.grid)).barrier_wait;
         let players = (0..plan.places() + plan.spares).map(|_| Player::default()).collect();
         Self {
             seed: plan.seed,
@@ -95,7 +103,7 @@ impl Observed {
             broken: None,
             is_dead: [false; 2],
             plan: plan.clone(),
-            wall,
+            open: 0,
             barrier_wait,
             reigns: Vec::new(),
             reign_of: [0; 2],
@@ -106,7 +114,10 @@ impl Observed {
             stand_ins: 0,
             passed_over: 0,
             refused: 0,
+            has_ended: false,
             longest_gap: Duration::ZERO,
+            lit: vec![None; plan.places()],
+            longest_dark: Duration::ZERO,
             trace: 0,
         }
     }
@@ -152,6 +163,7 @@ impl Observed {
         let is_over = *self.stop.borrow();
         self.hold(is_over, || format!("{} ended the show: {report:?}", MASTERS[host]));
         self.refused += report.refused;
+        self.has_ended |= report.frames > 0;
         Ok(())
     }
 
@@ -168,7 +180,7 @@ impl Observed {
     }
 
     pub fn have_all_left(&self) -> bool {
-        self.honest().all(|player| self.players[player].has_left)
+        self.has_ended && self.honest().all(|player| self.players[player].has_left)
     }
 
     fn honest(&self) -> impl Iterator<Item = usize> + use<> {
@@ -181,7 +193,8 @@ impl Observed {
             Step::Connected(master) => {
                 let host = MASTERS.iter().position(|host| master.starts_with(host)).expect("a master");
                 let reign = self.reign_of[host];
-                self.players[player].connection = Some(Connection { reign, at: now(), shown: None, first_shown: None });
+                self.players[player].connection =
+                    Some(Connection { reign, at: now(), shown: None, first_shown: None, place: player });
             }
             Step::Applied(frame) => self.applied(player, frame),
             Step::Shown(number) => self.shown(player, *number),
@@ -198,7 +211,8 @@ impl Observed {
         self.hold(is_the_masters, || format!("player {player}, frame {number}: another set than the master's"));
         let is_in_time = (frame.scene_time_s - number as f64 / RATE_HZ).abs() < 1e-9;
         self.hold(is_in_time, || format!("player {player}, frame {number}: scene time {}", frame.scene_time_s));
-        let connection = self.players[player].connection.as_ref().expect("it is connected");
+        let connection = self.players[player].connection.as_mut().expect("it is connected");
+        connection.place = view;
         self.reigns[connection.reign].acknowledged.entry(number).or_default().insert(view);
     }
 
@@ -210,6 +224,8 @@ impl Observed {
         let before = connection.shown.replace((number, now()));
         let is_first = before.is_none();
         connection.first_shown.get_or_insert(now());
+        let lit = self.lit[connection.place].replace(now());
+        self.longest_dark = self.longest_dark.max(lit.map_or(Duration::ZERO, |lit| now() - lit));
         let shown = self.players[player].shown.replace((reign, number));
         let is_released = self.reigns[reign].released.contains_key(&number);
         self.hold(is_released, || format!("player {player} shows frame {number}, which was not released"));
@@ -276,8 +292,7 @@ impl Observed {
         self.ruling = Some(reign);
         let waiting = frame.longest_queue as usize;
         self.hold(waiting <= MAX_WAITING, || format!("{waiting} messages wait for one peer"));
-        let (open, most) = (frame.open as usize, max_connections(&self.wall));
-        self.hold(open <= most, || format!("{open} connections are open; {most} may be"));
+        self.open = frame.open as usize;
     }
 
     fn check_order(&mut self, reign: usize, number: u64) {
@@ -296,7 +311,7 @@ impl Observed {
     }
 
     fn check_waits(&mut self, reign: usize, frame: &FrameReport) {
-        let longest = self.barrier_wait + TIMER + TICK;
+        let longest = self.barrier_wait + TIMER + self.plan.tick();
         self.hold(frame.waited <= longest, || format!("frame {} waited for {:?}", frame.number, frame.waited));
         let period = Duration::from_secs_f64(1.0 / RATE_HZ) + TIMER;
         if let Some((_, before)) = self.reigns[reign].released.last_key_value() {
@@ -312,7 +327,7 @@ impl Observed {
         for player in 0..self.plan.honest() {
             let connection =
                 self.players[player].connection.as_ref().ok_or_else(|| format!("player {player} never connected"))?;
-            let Connection { reign, at, shown, first_shown } = connection;
+            let Connection { reign, at, shown, first_shown, .. } = connection;
             let latest = calm + Self::back_after(&self.plan, player);
             if *reign != ruling || *at > latest {
                 return Err(format!(
@@ -326,6 +341,12 @@ impl Observed {
             if shown.is_none_or(|(_, at)| at + FRESH < end) {
                 return Err(format!("player {player} shows {shown:?} at {end:?}"));
             }
+        }
+        // What is written to one who vanished is waited for, 10 s each.
+        let stale = self.plan.strikes.iter().filter(|strike| strike.blow.is_silent()).count();
+        let most = self.honest().count() + usize::from(self.plan.has_standby) + stale;
+        if self.open > most {
+            return Err(format!("{} connections are open; {most} have a reason", self.open));
         }
         Ok(())
     }

@@ -109,10 +109,21 @@ impl Plan {
         plan
     }
 
-    /// Nothing but one fault.
-    pub fn with(seed: u64, grid: [u32; 2], has_standby: bool, blow: Blow, takes: Duration) -> Self {
-        let strike = Strike { blow, from: ms(1000), until: ms(1000) + takes };
-        Self { seed, grid, has_standby, spares: 0, is_last_hostile: false, strangers: 0, strikes: vec![strike] }
+    /// A second's peace, then faults that follow one on the other, each with how long it takes.
+    pub fn with(seed: u64, grid: [u32; 2], blows: &[(Blow, Duration)]) -> Self {
+        let mut from = ms(1000);
+        let strike = |(blow, takes): &(Blow, Duration)| {
+            let strike = Strike { blow: *blow, from, until: from + *takes };
+            from = strike.until;
+            strike
+        };
+        let strikes = blows.iter().map(strike).collect();
+        Self { seed, grid, has_standby: true, spares: 1, is_last_hostile: false, strangers: 0, strikes }
+    }
+
+    /// A step of the simulation: hosts run so long one after the other. A step of a large wall takes long.
+    pub fn tick(&self) -> Duration {
+        if self.places() <= 16 { ms(2) } else { ms(4) }
     }
 
     /// Places of the wall.
@@ -134,10 +145,17 @@ impl Plan {
     fn strike_masters(&mut self, rng: &mut Random) {
         let mut at = FIRST_STRIKE + ms(rng.within(0, 500));
         while at < ms(2200) {
-            let blow = match rng.within(0, 5) {
+            let blow = match rng.within(0, 6) {
                 0 | 1 => Blow::MasterDies,
                 2 => Blow::MasterVanishes,
                 3 if self.has_standby => Blow::HoldStandby,
+                4 if self.has_standby => {
+                    // The standby lags behind when the master goes, and never hears the last that was said.
+                    let until = at + ms(rng.within(100, 600));
+                    self.strikes.push(Strike { blow: Blow::HoldStandby, from: at, until });
+                    at = until;
+                    Blow::MasterVanishes
+                }
                 _ => return,
             };
             let longest = match blow {

@@ -10,7 +10,7 @@ use turmoil::Sim;
 use crate::cast::{self, MASTERS, Order, wall};
 use crate::observed::{Observed, Shared};
 use crate::plan::{Blow, Plan, Strike};
-use crate::{BACK_WITHIN, TICK, villains};
+use crate::{BACK_WITHIN, villains};
 
 /// A message's way. There and back, and a tick for each, is within the barrier's wait.
 const QUICKEST: Duration = Duration::from_millis(1);
@@ -28,7 +28,10 @@ pub struct Outcome {
     pub stand_ins: u64,
     pub passed_over: u64,
     pub refused: u64,
+    /// Longest time from the strike on a master to the first frame that a node shows of the next one.
     pub longest_gap: Duration,
+    /// Longest time between two frames that one place showed.
+    pub longest_dark: Duration,
     pub trace: u64,
 }
 
@@ -40,6 +43,7 @@ impl Outcome {
         self.passed_over += other.passed_over;
         self.refused += other.refused;
         self.longest_gap = self.longest_gap.max(other.longest_gap);
+        self.longest_dark = self.longest_dark.max(other.longest_dark);
         self.trace ^= other.trace;
     }
 }
@@ -88,6 +92,7 @@ pub fn play(plan: &Plan) -> Result<Outcome, String> {
         passed_over: seen.passed_over,
         refused: seen.refused,
         longest_gap: seen.longest_gap,
+        longest_dark: seen.longest_dark,
         trace: seen.trace,
     })
 }
@@ -96,7 +101,7 @@ impl<'a> Stage<'a> {
     fn set(plan: &'a Plan, observed: Shared) -> Self {
         let mut sim = turmoil::Builder::new()
             .rng_seed(plan.seed)
-            .tick_duration(TICK)
+            .tick_duration(plan.tick())
             .simulation_duration(Duration::from_secs(60))
             .min_message_latency(QUICKEST)
             .max_message_latency(SLOWEST)

@@ -194,13 +194,8 @@ pub struct FrameReport {
     pub chunk_bytes: u64,
     /// Most messages that waited for one peer since the frame before was released; [`MAX_WAITING`](crate::master::MAX_WAITING) at most.
     pub longest_queue: u32,
-    /// Connections that are open, whoever is behind them; [`max_connections`] at most.
+    /// Connections that are open, whoever is behind them.
     pub open: u32,
-}
-
-/// Most connections that are open at once: those that have not said yet who they are, and three for each node of the wall.
-pub fn max_connections(wall: &Wall) -> usize {
-    MAX_UNNAMED + 3 * wall.nodes().len()
 }
 
 /// What happened in a show.
@@ -295,7 +290,7 @@ pub async fn serve_over(listener: impl Listener, mut show: Show) -> Result<ShowR
         master: Master::new(Arc::clone(&show.wall), options, Duration::ZERO).admitting(admission),
         started: Instant::now(),
         sets: vec![VisibleSet::default(); show.wall.views().len()],
-        max_connections: max_connections(&show.wall),
+        max_connections: MAX_UNNAMED + 3 * show.wall.nodes().len(),
         links: BTreeMap::new(),
         tasks: JoinSet::new(),
         next_peer: 0,

@@ -8,15 +8,15 @@ use mullion_common::scene::{ObjectId, Package};
 use mullion_common::tls::describe;
 use mullion_common::wall::Wall;
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, Course, MAX_TO_TILE_BYTES, Moved, Opening, SectionRef, StandbyHello, Stats, ToMaster, ToStandby,
-    WireError,
+    ALIVE_EVERY, Bye, ByeCode, Course, MAX_TO_TILE_BYTES, Moved, Opening, SectionRef, StandbyHello, Stats, Steering, ToMaster,
+    ToStandby, WireError,
 };
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 
 use super::connection::{framed, write_all};
 use super::network::{Connector, Listener, Socket, Writer};
 use super::transport::{Security, connect};
-use super::{NodeEvent, ServiceError, Show, stopped};
+use super::{NodeEvent, Rate, ServiceError, Show, stopped};
 use crate::master::{LastWords, TELL_STANDBYS_EVERY};
 
 /// How long a master may say nothing before it counts as gone.
@@ -60,7 +60,7 @@ pub(super) async fn stand_by(
         () = turn_away(listener) => unreachable!("it has no end"),
         () = stopped(&mut stop) => return Ok(None),
     };
-    let Some(course) = known.course() else { return Ok(None) };
+    let Some(course) = known.course(show.options.rate) else { return Ok(None) };
     (show.node_observer)(&NodeEvent::TookOver { frame: course.number + 1, reason });
     show.options.succession.take_over(course.clone());
     Ok(Some(course))
@@ -78,8 +78,8 @@ async fn turn_away(listener: &impl Listener) {
 struct Known {
     views: usize,
     objects: usize,
-    /// But for what it says of objects, which is below.
-    newest: Option<Course>,
+    /// But for what it says of objects, which is below; and when it was heard of.
+    newest: Option<(Course, Instant)>,
     moved: BTreeMap<ObjectId, Moved>,
     presence: LastWords,
 }
@@ -91,7 +91,7 @@ impl Known {
     }
 
     /// Takes a course, unless it is not one of this wall and scene.
-    fn take(&mut self, mut course: Course) -> Result<(), &'static str> {
+    fn take(&mut self, mut course: Course, heard: Instant) -> Result<(), &'static str> {
         let is_known = |object: ObjectId| (object.0 as usize) < self.objects;
         if course.eyes.len() != self.views || ![0, self.views].contains(&course.budgets.len()) {
             return Err("a course of another wall");
@@ -107,18 +107,31 @@ impl Known {
         }
         self.moved.extend(course.moved.drain(..).map(|moved| (moved.object, moved)));
         course.presence.drain(..).for_each(|(object, presence)| self.presence.say(object, presence, course.number));
-        self.newest = Some(course);
+        self.newest = Some((course, heard));
         Ok(())
     }
 
-    /// The newest course, as one that stands on nothing.
-    fn course(self) -> Option<Course> {
-        let mut course = self.newest?;
+    /// The newest course, as one that stands on nothing. Frames are counted on for the time since it was heard of: the master may have
+    /// shown more, unheard, before it was gone.
+    fn course(self, rate: Rate) -> Option<Course> {
+        let (mut course, heard) = self.newest?;
+        if let Rate::Hz(hz) = rate {
+            count_on(&mut course, (heard.elapsed().as_secs_f64() * hz).ceil() as u64);
+        }
         course.base = None;
         course.moved = self.moved.into_values().collect();
         self.presence.since(None, &mut course.presence);
         Some(course)
     }
+}
+
+/// What became of a course while so many frames went by: time passes as it would have.
+fn count_on(course: &mut Course, frames: u64) {
+    course.number += frames;
+    let Steering { path_frame, held_after, .. } = &mut course.steering;
+    let passed = held_after.map_or(frames, |left| frames.min(u64::from(left)));
+    *path_frame += passed;
+    *held_after = held_after.map(|left| left - passed as u32);
 }
 
 /// Follows the master until it says goodbye, or is gone. A master that was never there is waited for: the standby may be started first.
@@ -175,7 +188,7 @@ async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost:
                 match ToStandby::decode(&body) {
                     Ok(ToStandby::Course(course)) => {
                         let frame = course.number;
-                        if let Err(problem) = known.take(course) {
+                        if let Err(problem) = known.take(course, heard) {
                             return Parting::Lost(format!("the master sent {problem}"));
                         }
                         ToMaster::Ready { frame, shown: None }
@@ -199,4 +212,23 @@ async fn write(
 ) -> std::io::Result<()> {
     encode(buffer).map_err(std::io::Error::other)?;
     write_all(writer, buffer).await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_that_nobody_heard_of_pass_as_time_was_held() {
+        let after = |held_after, frames| {
+            let steering = Steering { path_frame: 100, held_after, is_off_path: false };
+            let mut course = Course { number: 7, steering, ..Course::default() };
+            count_on(&mut course, frames);
+            (course.number, course.steering.path_frame, course.steering.held_after)
+        };
+        assert_eq!(after(None, 5), (12, 105, None), "time passes");
+        assert_eq!(after(Some(0), 5), (12, 100, Some(0)), "a pause holds");
+        assert_eq!(after(Some(3), 5), (12, 103, Some(0)), "a step ends");
+        assert_eq!(after(Some(9), 5), (12, 105, Some(4)));
+    }
 }
