@@ -11,7 +11,7 @@ use mullion_common::wire::{
     ALIVE_EVERY, Bye, ByeCode, Course, MAX_TO_TILE_BYTES, Moved, Opening, StandbyHello, Stats, ToMaster, ToStandby, WireError,
 };
 use tokio::net::TcpListener;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, sleep, timeout, timeout_at};
 
 use super::connection::{framed, write_all};
 use super::transport::{Reader, Security, Writer, connect};
@@ -153,8 +153,10 @@ async fn follow(master: &str, security: &Security, hello: &StandbyHello, known: 
         }
     };
     loop {
-        let parting = match timeout(SILENCE, connect(master, security)).await {
-            Ok(Ok(ends)) => converse(ends, hello, known, &mut lost).await,
+        // A master that hangs still takes connections: its first word on a new one counts.
+        let limit = if lost.is_some() && known.is_followed { TRY_AGAIN_FOR } else { SILENCE };
+        let parting = match timeout(limit, connect(master, security)).await {
+            Ok(Ok(ends)) => converse(ends, hello, known, (&mut lost, limit)).await,
             Ok(Err(error)) => Parting::Lost(describe(&error)),
             Err(_) => Parting::Lost("no answer".into()),
         };
@@ -186,12 +188,12 @@ async fn follow(master: &str, security: &Security, hello: &StandbyHello, known: 
     }
 }
 
-/// One connection. `lost` is emptied once the master has said something on it.
+/// One connection. `lost` is emptied once the master has said something on it, for which it has `first_word_limit`.
 async fn converse(
     (reader, mut writer): (Reader, Writer),
     hello: &StandbyHello,
     known: &mut Known,
-    lost: &mut Option<(Instant, String)>,
+    (lost, first_word_limit): (&mut Option<(Instant, String)>, Duration),
 ) -> Parting {
     let gone = |error: std::io::Error| Parting::Lost(describe(&error));
     let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
@@ -201,16 +203,18 @@ async fn converse(
         return gone(error);
     }
     let mut beat = tokio::time::interval(ALIVE_EVERY);
+    let mut silent_at = Instant::now() + first_word_limit;
     loop {
         let answer = tokio::select! {
-            body = timeout(SILENCE, bodies.next()) => {
+            body = timeout_at(silent_at, bodies.next()) => {
                 let body = match body {
                     Ok(Some(Ok(body))) => body,
                     Ok(Some(Err(error))) => return gone(error),
                     Ok(None) => return Parting::Lost("the master closed the connection".into()),
-                    Err(_) => return Parting::Lost(format!("the master was silent for {} ms", SILENCE.as_millis())),
+                    Err(_) => return Parting::Lost("the master is silent".into()),
                 };
                 *lost = None;
+                silent_at = Instant::now() + SILENCE;
                 match ToStandby::decode(&body) {
                     Ok(ToStandby::Course(course)) => {
                         let frame = course.number;
