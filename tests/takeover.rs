@@ -21,6 +21,7 @@ use mullion_common::wire::{Part, ViewSpec};
 use mullion_control::{CameraAt, Command, Control, Error, ObjectNumber, Reason, Steps, TileBudget};
 use mullion_server::generate::{GeneratedScene, write_glb};
 use support::painter::{Blank, Witness};
+use support::relay::Relay;
 use support::{Process, mullion};
 use tokio::sync::watch;
 
@@ -234,6 +235,94 @@ fn a_standby_takes_over_what_was_steered() {
     let why = of_heir.why("0", "t0x0").expect("it answers");
     assert!(why.leaves.iter().all(|leaf| leaf.views != [Reason::Removed]), "{why:?}");
     node.end();
+}
+
+#[test]
+fn a_master_that_was_only_cut_off_goes_on_and_its_standby_stands_by_again() {
+    let folder = prepared();
+    let mut master = serve(folder.path(), "127.0.0.1:0", &[]);
+    let address = support::address_of(&mut master);
+    let way = Relay::to(address.clone());
+    let mut standby = serve(folder.path(), "127.0.0.1:0", &["--standby-of", &way.address]);
+    let heir = support::address_of(&mut standby);
+    let (joined, _) = master.error_line(&["standby joined"], 0, LIMIT);
+    let started = Instant::now();
+    let nodes = NODES.map(|name| Node::start(name, Part::Own, &[&address, &heir]));
+    nodes.iter().for_each(|node| drop(node.shows(10, started)));
+
+    way.cut();
+    let (took_over, _) = standby.error_line(&["is gone", "going on from frame"], 0, LIMIT);
+    way.mend();
+    let words = ["drives the wall", "it has 4 live nodes, to 0", "stepping back"];
+    let (stepped_back, _) = standby.error_line(&words, took_over, LIMIT);
+    standby.error_line(&["standing by for the master"], stepped_back, LIMIT);
+    master.error_line(&["standby joined"], joined + 1, LIMIT);
+    let back = Instant::now();
+    nodes.iter().for_each(|node| drop(node.shows(10, back)));
+
+    // Then it is really gone.
+    master.kill();
+    let killed = Instant::now();
+    nodes.iter().for_each(|node| drop(node.shows(20, killed)));
+    standby.error_line(&["is gone", "going on from frame"], stepped_back, LIMIT);
+    let said = master.err.text();
+    assert!(NODES.iter().all(|name| !said.contains(&format!("node {name} left"))), "none left while it was there:\n{said}");
+    nodes.into_iter().for_each(Node::end);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_master_that_hung_steps_back_for_the_one_that_has_its_nodes() {
+    use rustix::process::Signal;
+
+    let folder = prepared();
+    let mut master = serve(folder.path(), "127.0.0.1:0", &[]);
+    let address = support::address_of(&mut master);
+    let mut standby = serve(folder.path(), "127.0.0.1:0", &["--standby-of", &address]);
+    let heir = support::address_of(&mut standby);
+    master.error_line(&["standby joined"], 0, LIMIT);
+    let started = Instant::now();
+    let nodes = NODES.map(|name| Node::start(name, Part::Own, &[&address, &heir]));
+    nodes.iter().for_each(|node| drop(node.shows(10, started)));
+
+    master.signal(Signal::STOP);
+    standby.error_line(&["is gone", "going on from frame"], 0, LIMIT);
+    standby.error_line(&["4 of 4 nodes show it"], 0, LIMIT);
+    master.signal(Signal::CONT);
+    let (stepped_back, _) = master.error_line(&["drives the wall", "more live nodes", "stepping back"], 0, LIMIT);
+    master.error_line(&["standing by for the master"], stepped_back, LIMIT);
+    standby.error_line(&["standby joined"], 0, LIMIT);
+
+    standby.kill();
+    let killed = Instant::now();
+    nodes.iter().for_each(|node| drop(node.shows(20, killed)));
+    master.error_line(&["is gone", "going on from frame"], stepped_back, LIMIT);
+    nodes.into_iter().for_each(Node::end);
+}
+
+#[test]
+fn a_master_that_died_stands_by_for_its_heir_when_it_is_started_again() {
+    let folder = prepared();
+    let address = free_address();
+    let mut master = serve(folder.path(), &address, &[]);
+    support::address_of(&mut master);
+    let mut standby = serve(folder.path(), "127.0.0.1:0", &["--standby-of", &address]);
+    let heir = support::address_of(&mut standby);
+    master.error_line(&["standby joined"], 0, LIMIT);
+    let started = Instant::now();
+    let nodes = NODES.map(|name| Node::start(name, Part::Own, &[&address, &heir]));
+    nodes.iter().for_each(|node| drop(node.shows(10, started)));
+    master.kill();
+    standby.error_line(&["4 of 4 nodes show it"], 0, LIMIT);
+
+    let mut master = serve(folder.path(), &address, &["--standby-of", &heir]);
+    support::address_of(&mut master);
+    standby.error_line(&["standby joined"], 0, LIMIT);
+    standby.kill();
+    let killed = Instant::now();
+    nodes.iter().for_each(|node| drop(node.shows(20, killed)));
+    master.error_line(&["is gone", "going on from frame"], 0, LIMIT);
+    nodes.into_iter().for_each(Node::end);
 }
 
 #[test]

@@ -189,7 +189,7 @@ impl Metrics {
             NodeEvent::Joined { .. } => self.joined.inc(),
             NodeEvent::Left { .. } => self.left.inc(),
             NodeEvent::StoodIn { .. } => self.stood_in.inc(),
-            NodeEvent::StandingBy | NodeEvent::TookOver { .. } => 0,
+            NodeEvent::StandingBy { .. } | NodeEvent::TookOver { .. } | NodeEvent::SteppedBack { .. } => 0,
         };
     }
 }

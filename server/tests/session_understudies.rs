@@ -10,8 +10,8 @@ use mullion_common::scene::{ObjectId, Presence, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
-    ALIVE_EVERY, Budget, ByeCode, ChunkHello, Course, Hello, Moved, Opening, Part, Ping, SILENCE_LIMIT, StandbyHello, Stats,
-    Steering, ToMaster, ToStandby, ToTile, body_of,
+    ALIVE_EVERY, Budget, ByeCode, ChunkHello, Course, Hello, Moved, Opening, Part, Ping, RivalHello, SILENCE_LIMIT, StandbyHello,
+    Stats, Steering, ToMaster, ToStandby, ToTile, body_of,
 };
 use mullion_server::master::{
     Admission, FrameInput, MAX_STANDBYS, Master, MasterOptions, Output, Pace, PeerId, SPARE_AFTER, TAKEOVER_AFTER,
@@ -271,6 +271,48 @@ fn a_standby_of_another_show_or_one_too_many_is_told_so() {
     assert_eq!(closed(&outputs(&mut master), PeerId(30)), Some(ByeCode::Timeout));
 }
 
+fn rival(live_nodes: u32) -> Opening {
+    Opening::Rival(RivalHello { show: StandbyHello::of(&wall(2), &[]).unwrap(), live_nodes, port: 7467 })
+}
+
+#[test]
+fn of_two_masters_the_one_that_is_greeted_decides_and_the_one_with_fewer_nodes_steps_back() {
+    let mut first = master(0);
+    join(&mut first, NODE, "t0x0", Part::Own, ms(0));
+    join(&mut first, OTHER, "t1x0", Part::Own, ms(0));
+    begin(&mut first, 0, &[], ms(0));
+    first.handle_message(NODE, ToMaster::Ready { frame: 0, shown: None }, ms(1));
+    first.handle_timeout(ms(14));
+    outputs(&mut first);
+    assert_eq!((first.live_nodes(), first.connected()), (1, 2), "one that is not waited for does not count");
+    let mut greet = |peer: u64, opening: Opening| {
+        let peer = PeerId(peer);
+        first.handle_connected(peer, ms(15));
+        first.handle_opening(peer, opening, ms(15));
+        let out = outputs(&mut first);
+        (closed(&out, peer), out.contains(&Output::Outnumbered { peer, port: 7467 }))
+    };
+    assert_eq!(greet(20, rival(0)), (Some(ByeCode::OtherMaster), false));
+    assert_eq!(greet(21, rival(1)), (Some(ByeCode::OtherMaster), false), "who drove the wall before goes on");
+    assert_eq!(greet(22, rival(2)), (Some(ByeCode::Leaving), true));
+    assert_eq!(greet(23, rival(3)), (Some(ByeCode::OtherMaster), false), "more than there are");
+    let other = RivalHello { show: StandbyHello::of(&wall(3), &[]).unwrap(), live_nodes: 2, port: 7467 };
+    assert_eq!(greet(24, Opening::Rival(other)), (Some(ByeCode::Refused), false), "of another wall");
+    assert!(ByeCode::OtherMaster.is_retryable(), "nodes go on to the other");
+    assert_eq!(first.connected(), 2, "nobody else is touched");
+}
+
+#[test]
+fn a_standby_that_comes_back_takes_the_place_of_its_lost_connection() {
+    let mut master = master(0);
+    let hello = StandbyHello::of(&wall(2), &[]).unwrap();
+    stand_by(&mut master, STANDBY, hello, ms(0));
+    let out = stand_by(&mut master, PeerId(5), hello, TAKEOVER_AFTER - ms(1));
+    assert_eq!((closed(&out, PeerId(5)), closed(&out, STANDBY)), (Some(ByeCode::TooMany), None), "it may be alive");
+    let out = stand_by(&mut master, PeerId(6), hello, TAKEOVER_AFTER);
+    assert_eq!((closed(&out, PeerId(6)), closed(&out, STANDBY)), (None, Some(ByeCode::Timeout)));
+}
+
 #[test]
 fn with_certificates_everyone_takes_the_part_that_is_theirs_and_no_other() {
     let node = Bearer::Node(NodeIdentity { name: "t0x0".into(), tiles: vec!["t0x0".into()] });
@@ -282,16 +324,21 @@ fn with_certificates_everyone_takes_the_part_that_is_theirs_and_no_other() {
         hello("attic", Part::Spare),
         hello("t0x0", Part::Spare),
         Opening::Standby(StandbyHello::of(&wall(2), &[]).unwrap()),
+        rival(0),
     ];
     let shown = [None, Some(node.clone()), Some(attic.clone()), Some(shed.clone()), Some(namesake), Some(Bearer::Master)];
-    let allowed = [(1, 0), (2, 1), (4, 2), (5, 3)];
+    let allowed = [(1, 0), (2, 1), (4, 2), (5, 3), (5, 4)];
     for (who, shown) in shown.iter().enumerate() {
         for (what, opening) in openings.iter().enumerate() {
             let mut master = master(0).admitting(Admission::ByCertificate);
             master.handle_connected(NODE, ms(0));
             shown.iter().for_each(|shown| master.handle_identity(NODE, shown.clone()));
             master.handle_opening(NODE, opening.clone(), ms(0));
-            let expected = (!allowed.contains(&(who, what))).then_some(ByeCode::Refused);
+            let expected = match allowed.contains(&(who, what)) {
+                true if what == 4 => Some(ByeCode::OtherMaster), // it is told who is to drive
+                true => None,
+                false => Some(ByeCode::Refused),
+            };
             assert_eq!(closed(&outputs(&mut master), NODE), expected, "{shown:?} greets with {opening:?}");
         }
     }

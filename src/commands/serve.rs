@@ -130,15 +130,17 @@ pub fn run(options: &Options) -> Result<()> {
     let metrics = Arc::new(Mutex::new(metrics));
     let progress = Arc::new(Progress::new());
     let lines = Arc::clone(&progress);
-    let of_master = show_options.standby_of.clone().unwrap_or_default();
     let of_nodes = Arc::clone(&metrics);
     let tell_of_node = move |event: &NodeEvent| match event {
         NodeEvent::Joined { node, address } => lines.line(&format!("node {node} joined from {address}")),
         NodeEvent::Left { node, reason } => lines.line(&format!("node {node} left: {reason}")),
         NodeEvent::StoodIn { node, spare } => lines.line(&format!("spare {spare} takes the place of node {node}")),
-        NodeEvent::StandingBy => lines.line(&format!("standing by for the master at {of_master}")),
-        NodeEvent::TookOver { frame, reason } => {
-            lines.line(&format!("the master at {of_master} is gone ({reason}): going on from frame {frame}"));
+        NodeEvent::StandingBy { master } => lines.line(&format!("standing by for the master at {master}")),
+        NodeEvent::SteppedBack { master, reason } => {
+            lines.line(&format!("the master at {master} drives the wall ({reason}): stepping back"));
+        }
+        NodeEvent::TookOver { master, frame, reason } => {
+            lines.line(&format!("the master at {master} is gone ({reason}): going on from frame {frame}"));
         }
     };
     let node_observer = move |event: &NodeEvent| {

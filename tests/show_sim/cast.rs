@@ -73,6 +73,10 @@ impl Listener for Network {
         let (reader, writer) = stream.into_split();
         Ok((Socket { reader: Box::new(reader), writer: Box::new(writer) }, address))
     }
+
+    fn port(&self) -> io::Result<u16> {
+        Ok(self.0.local_addr()?.port())
+    }
 }
 
 fn show(host: usize, wall: &Arc<Wall>, order: Order, stop: watch::Receiver<bool>, observed: &Shared) -> Show {

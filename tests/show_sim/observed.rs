@@ -258,7 +258,7 @@ impl Observed {
 
     pub fn node_event(&mut self, reign: usize, event: &NodeEvent) {
         match event {
-            NodeEvent::TookOver { frame, reason } => {
+            NodeEvent::TookOver { frame, reason, .. } => {
                 self.note(*frame << 8 | 3);
                 self.takeovers += 1;
                 self.reigns[reign].takes_over_at = Some(*frame);
@@ -267,7 +267,8 @@ impl Observed {
                 self.hold(is_gone, || format!("{} takes over from one that lives: {reason}", MASTERS[host]));
             }
             NodeEvent::StoodIn { .. } => self.stand_ins += 1,
-            NodeEvent::Joined { .. } | NodeEvent::Left { .. } | NodeEvent::StandingBy => self.note(4),
+            NodeEvent::Joined { .. } | NodeEvent::Left { .. } | NodeEvent::StandingBy { .. } => self.note(4),
+            NodeEvent::SteppedBack { reason, .. } => self.hold(false, || format!("a master steps back: {reason}")),
         }
     }
 

@@ -126,6 +126,13 @@ impl Process {
         self.child.try_wait().expect("a child").is_none()
     }
 
+    /// Sends a signal, as one that stops it or lets it go on.
+    #[cfg(unix)]
+    pub fn signal(&mut self, signal: rustix::process::Signal) {
+        let pid = rustix::process::Pid::from_child(&self.child);
+        rustix::process::kill_process(pid, signal).expect("a child");
+    }
+
     /// SIGKILL.
     pub fn kill(&mut self) {
         self.child.kill().expect("a child");

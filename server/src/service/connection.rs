@@ -65,6 +65,10 @@ pub(super) enum Event {
     Ended {
         peer: PeerId,
     },
+    /// Another master that was asked drives the wall, and where it is; or it does not.
+    Rival {
+        drives: Option<String>,
+    },
 }
 
 pub(super) struct Connection {

@@ -8,6 +8,8 @@ mod connection;
 mod mailbox;
 mod network;
 mod pose;
+mod report;
+mod rival;
 mod standby;
 mod succession;
 mod transport;
@@ -18,13 +20,13 @@ use std::hash::{BuildHasher, Hasher};
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
 use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, Course, MAX_TILE_SECTION_BYTES, Shown, Stats};
+use mullion_common::wire::{Bye, ByeCode, Course, MAX_TILE_SECTION_BYTES, SectionRef, Shown, StandbyHello};
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -32,12 +34,13 @@ use tokio::task::JoinSet;
 use tokio::time::Instant;
 
 use crate::master::{Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage};
-use crate::swap_barrier::{BarrierOptions, NodeIndex, Standing};
+use crate::swap_barrier::{BarrierOptions, NodeIndex};
 use blobs::Blobs;
 use connection::{Connection, Event, Role};
 use mailbox::Mailbox;
 pub use network::{Connecting, Connector, Listener, Reader, Socket, Writer};
 pub use pose::Pose;
+pub use report::{FrameReport, NodeEvent, ShowReport};
 pub use succession::Succession;
 pub use transport::{MasterTls, Security, SecurityError};
 
@@ -114,25 +117,6 @@ pub type Cull = Box<dyn FnMut(&Pose, &mut [VisibleSet]) + Send>;
 /// Is told of every frame. Must be quick: the wall waits.
 pub type Observer = Box<dyn FnMut(&FrameReport) + Send>;
 
-/// A node comes or goes.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum NodeEvent {
-    /// Its connection was greeted.
-    #[allow(missing_docs)]
-    Joined { node: String, address: SocketAddr },
-    /// Its connection is gone, for a reason of one line. The show goes on.
-    #[allow(missing_docs)]
-    Left { node: String, reason: String },
-    /// A spare took the place of a node that is missing.
-    #[allow(missing_docs)]
-    StoodIn { node: String, spare: String },
-    /// This master stands by for another.
-    StandingBy,
-    /// The other master is gone: this one goes on from a frame.
-    #[allow(missing_docs)]
-    TookOver { frame: u64, reason: String },
-}
-
 /// Is told of nodes that come and go. Must be quick: the wall waits.
 pub type NodeObserver = Box<dyn FnMut(&NodeEvent) + Send>;
 
@@ -159,56 +143,6 @@ pub struct Show {
     pub shown_observer: ShownObserver,
     /// Turns true when the show is to end.
     pub stop: Option<watch::Receiver<bool>>,
-}
-
-/// What happened in one frame.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct FrameReport {
-    /// Its number.
-    pub number: u64,
-    /// When it was due by the rate of the show, since the show's start: the clock of [`Shown::at_us`].
-    pub due: Duration,
-    /// Time for the cull.
-    pub cull: Duration,
-    /// Time to find the deltas.
-    pub diff: Duration,
-    /// Time to encode and queue them.
-    pub encode: Duration,
-    /// Time spent writing messages since the frame before was released.
-    pub send: Duration,
-    /// Time from the frame's beginning to its release.
-    pub waited: Duration,
-    /// Bytes of each node's frame message, by `NodeIndex`; 0 for nodes that are not connected.
-    pub frame_bytes: Vec<u32>,
-    /// What each node last said of itself, by `NodeIndex`.
-    pub node_stats: Vec<Stats>,
-    /// Nodes that held it up and are not waited for any more.
-    pub passed_over: Vec<NodeIndex>,
-    /// What each node is to the barrier, by `NodeIndex`.
-    pub standings: Vec<Standing>,
-    /// Nodes connected.
-    pub connected: u32,
-    /// Nodes that were told to show it.
-    pub shown_by: u32,
-    /// Bytes of blobs sent since the show began.
-    pub chunk_bytes: u64,
-    /// Most messages that waited for one peer since the frame before was released; [`MAX_WAITING`](crate::master::MAX_WAITING) at most.
-    pub longest_queue: u32,
-    /// Connections that are open, whoever is behind them.
-    pub open: u32,
-}
-
-/// What happened in a show.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ShowReport {
-    /// Frames released.
-    pub frames: u64,
-    /// How often each node was passed over, by `NodeIndex`.
-    pub passed_over: Vec<u64>,
-    /// Connections that were closed for what they said or did not say.
-    pub refused: u64,
-    /// Bytes of blobs sent.
-    pub chunk_bytes: u64,
 }
 
 /// Why a show could not run.
@@ -257,57 +191,31 @@ pub async fn serve(listener: TcpListener, show: Show) -> Result<ShowReport, Serv
 ///
 /// # Errors
 /// As [`serve`].
-pub async fn serve_over(listener: impl Listener, mut show: Show) -> Result<ShowReport, ServiceError> {
+pub async fn serve_over(mut listener: impl Listener, mut show: Show) -> Result<ShowReport, ServiceError> {
     let pace = match show.options.rate {
         Rate::AsFastAsPossible => Pace::AsFastAsPossible,
         Rate::Hz(hz) if hz.is_finite() && hz > 0.0 => Pace::Every(Duration::from_secs_f64(1.0 / hz)),
         Rate::Hz(hz) => return Err(ServiceError::Rate(hz)),
     };
     let (blobs, sections) = Blobs::new(Arc::clone(&show.package))?;
-    let (wait, start_wait) = (show.options.barrier_wait, show.options.start_wait);
-    let inherited = match show.options.standby_of.clone() {
-        None => None,
-        Some(master) => match standby::stand_by(&listener, &master, &mut show, &sections).await? {
-            Some(inherited) => Some(inherited),
-            None => return Ok(ShowReport::default()), // the show ended before it was this master's turn
-        },
-    };
-    let barrier = BarrierOptions { wait, start_wait, start_nodes: show.options.start_nodes.clone() };
-    let options = MasterOptions {
-        barrier,
-        pace,
-        first_frame: inherited.as_ref().map_or(0, |course| course.number + 1),
-        frames: show.options.frames,
-        sections,
-        session_seed: show.options.session_seed.unwrap_or_else(random_bytes),
-    };
-    let admission = match show.options.security {
-        Security::Plain => Admission::ByName,
-        Security::Tls(_) => Admission::ByCertificate,
-    };
-    let (events, inbox) = mpsc::channel(MAX_EVENTS);
-    let service = Service {
-        master: Master::new(Arc::clone(&show.wall), options, Duration::ZERO).admitting(admission),
-        started: Instant::now(),
-        sets: vec![VisibleSet::default(); show.wall.views().len()],
-        max_connections: MAX_UNNAMED + 3 * show.wall.nodes().len(),
-        links: BTreeMap::new(),
-        tasks: JoinSet::new(),
-        next_peer: 0,
-        events,
-        blobs: Arc::new(blobs),
-        chunk_bytes: Arc::default(),
-        write_ns: Arc::default(),
-        frame: FrameReport::default(),
-        report: ShowReport::default(),
-        is_finished: false,
-        fault: None,
-        wanted: None,
-        complaints: Complaints::default(),
-        inherited,
-        show,
-    };
-    service.run(listener, inbox).await
+    let (blobs, identity) = (Arc::new(blobs), StandbyHello::of(&show.wall, &sections).map_err(io::Error::other)?);
+    let mut other = show.options.standby_of.clone();
+    let (mut report, mut own) = (ShowReport::default(), None);
+    loop {
+        let inherited = match &other {
+            None => None,
+            Some(master) => match standby::stand_by(&listener, master, &mut show, &identity, own.clone()).await? {
+                Some(course) => Some(standby::handed_on(own.take(), course, &show.package)),
+                None => return Ok(report), // the show ended before it was this master's turn
+            },
+        };
+        let heir_of = inherited.is_some().then(|| other.take()).flatten();
+        let service = Service::new(show, pace, &sections, (identity, heir_of), Arc::clone(&blobs), inherited);
+        let reign = service.run(listener).await?;
+        report.add(&reign.report);
+        let Some(next) = reign.stepped_back else { return Ok(report) };
+        (other, own, listener, show) = (Some(next.master), next.course, next.listener, next.show);
+    }
 }
 
 /// Random bytes from the standard library's hash keys, which the system seeds.
@@ -359,6 +267,16 @@ impl Complaints {
 
 struct Service {
     master: Master,
+    /// Of its wall and scene, for other masters.
+    identity: StandbyHello,
+    /// The master whose place it took.
+    heir_of: Option<String>,
+    /// Whether another master is being asked whether it drives the show.
+    is_asking: bool,
+    /// The master that it steps back for.
+    stands_by_for: Option<String>,
+    session_seed: [u8; 32],
+    live_nodes: Arc<AtomicU32>,
     started: Instant,
     sets: Vec<VisibleSet>,
     max_connections: usize,
@@ -366,6 +284,8 @@ struct Service {
     tasks: JoinSet<()>,
     next_peer: u64,
     events: mpsc::Sender<Event>,
+    /// Until it runs.
+    inbox: Option<mpsc::Receiver<Event>>,
     blobs: Arc<Blobs>,
     chunk_bytes: Arc<AtomicU64>,
     write_ns: Arc<AtomicU64>,
@@ -381,9 +301,86 @@ struct Service {
     show: Show,
 }
 
+/// How a master's turn ended.
+struct Reign<L> {
+    report: ShowReport,
+    stepped_back: Option<SteppedBack<L>>,
+}
+
+/// What goes on where a master stepped back.
+struct SteppedBack<L> {
+    /// Whom it stands by for.
+    master: String,
+    /// Where its own show stood.
+    course: Option<Course>,
+    listener: L,
+    show: Show,
+}
+
 impl Service {
-    async fn run(mut self, listener: impl Listener, mut inbox: mpsc::Receiver<Event>) -> Result<ShowReport, ServiceError> {
-        let mut stop = self.show.stop.take();
+    /// For a show that begins, or goes on from another master's course.
+    fn new(
+        show: Show,
+        pace: Pace,
+        sections: &[SectionRef],
+        (identity, heir_of): (StandbyHello, Option<String>),
+        blobs: Arc<Blobs>,
+        inherited: Option<Course>,
+    ) -> Self {
+        let (wait, start_wait) = (show.options.barrier_wait, show.options.start_wait);
+        let session_seed = show.options.session_seed.unwrap_or_else(random_bytes);
+        let barrier = BarrierOptions { wait, start_wait, start_nodes: show.options.start_nodes.clone() };
+        let options = MasterOptions {
+            barrier,
+            pace,
+            first_frame: inherited.as_ref().map_or(0, |course| course.number + 1),
+            frames: show.options.frames,
+            sections: sections.to_vec(),
+            session_seed,
+        };
+        let admission = match show.options.security {
+            Security::Plain => Admission::ByName,
+            Security::Tls(_) => Admission::ByCertificate,
+        };
+        let (events, inbox) = mpsc::channel(MAX_EVENTS);
+        Self {
+            master: Master::new(Arc::clone(&show.wall), options, Duration::ZERO).admitting(admission),
+            identity,
+            heir_of,
+            is_asking: false,
+            stands_by_for: None,
+            session_seed,
+            live_nodes: Arc::default(),
+            started: Instant::now(),
+            sets: vec![VisibleSet::default(); show.wall.views().len()],
+            max_connections: MAX_UNNAMED + 3 * show.wall.nodes().len(),
+            links: BTreeMap::new(),
+            tasks: JoinSet::new(),
+            next_peer: 0,
+            events,
+            inbox: Some(inbox),
+            blobs,
+            chunk_bytes: Arc::default(),
+            write_ns: Arc::default(),
+            frame: FrameReport::default(),
+            report: ShowReport::default(),
+            is_finished: false,
+            fault: None,
+            wanted: None,
+            complaints: Complaints::default(),
+            inherited,
+            show,
+        }
+    }
+
+    async fn run<L: Listener>(mut self, listener: L) -> Result<Reign<L>, ServiceError> {
+        let mut stop = self.show.stop.clone();
+        let Some(mut inbox) = self.inbox.take() else { unreachable!("a service runs once") };
+        let (connector, security) = (self.show.options.connector.clone(), self.show.options.security.clone());
+        let (live_nodes, port, seed) = (Arc::clone(&self.live_nodes), listener.port()?, self.session_seed);
+        let about = (self.identity, &*live_nodes, port);
+        let rival = rival::watch(self.heir_of.clone(), (&connector, &security), about, seed);
+        tokio::pin!(rival);
         self.master.handle_timeout(Duration::ZERO);
         self.act();
         while !self.is_finished {
@@ -395,6 +392,10 @@ impl Service {
             // In a fixed order, so that a simulation runs the same again; nobody starves: after each turn all that waits is taken.
             let event = tokio::select! {
                 biased;
+                (master, reason) = &mut rival, if self.stands_by_for.is_none() => {
+                    self.step_back(master, reason);
+                    None
+                }
                 () = stopped(&mut stop) => {
                     self.master.handle_shutdown(&Bye::new(ByeCode::EndOfShow, "the show was stopped"));
                     None
@@ -421,7 +422,8 @@ impl Service {
             self.master.handle_timeout(self.now());
             self.act();
         }
-        drop(listener);
+        // Who is told that the show is over must find nobody here.
+        let listener = self.stands_by_for.is_some().then_some(listener);
         let flush = async { while self.tasks.join_next().await.is_some() {} };
         // Events are not read any more: connections that wait to report end when the inbox does.
         drop(inbox);
@@ -430,7 +432,35 @@ impl Service {
         }
         self.report.passed_over = self.master.times_passed_over().collect();
         self.report.chunk_bytes = self.chunk_bytes.load(Ordering::Relaxed);
-        self.fault.map_or(Ok(self.report), Err)
+        if let Some(fault) = self.fault {
+            return Err(fault);
+        }
+        let (course, show) = (self.master.course(), self.show);
+        let next = self.stands_by_for.zip(listener);
+        let stepped_back = next.map(|(master, listener)| SteppedBack { master, course, listener, show });
+        Ok(Reign { report: self.report, stepped_back })
+    }
+
+    /// Sends all to another master, and is to stand by for it.
+    fn step_back(&mut self, master: String, reason: String) {
+        if !self.is_finished {
+            (self.show.node_observer)(&NodeEvent::SteppedBack { master: master.clone(), reason });
+            self.stands_by_for = Some(master);
+            self.master.handle_shutdown(&Bye::new(ByeCode::OtherMaster, "another master drives the wall"));
+        }
+    }
+
+    /// Asks a master that says that it has more live nodes whether it drives the show: what it says alone ends no show.
+    fn ask_rival(&mut self, peer: PeerId, port: u16) {
+        let Some(link) = self.links.get(&peer).filter(|_| !self.is_asking) else { return };
+        self.is_asking = true;
+        let master = SocketAddr::new(link.address.ip(), port).to_string();
+        let (connector, security) = (self.show.options.connector.clone(), self.show.options.security.clone());
+        let (events, identity) = (self.events.clone(), self.identity);
+        self.tasks.spawn(async move {
+            let drives = standby::drives(&master, (&connector, &security), &identity).await;
+            let _ = events.send(Event::Rival { drives: drives.then_some(master) }).await; // the loop is gone: nobody to tell
+        });
     }
 
     fn now(&self) -> Duration {
@@ -484,6 +514,10 @@ impl Service {
             }
             Event::Body { peer, body } => self.master.handle_body(peer, &body, now),
             Event::Fault { peer, error } => self.master.handle_fault(peer, &error, now),
+            Event::Rival { drives } => {
+                self.is_asking = false;
+                drives.into_iter().for_each(|master| self.step_back(master, "it has more live nodes".to_owned()));
+            }
             Event::Ended { peer } => {
                 if let Some(link) = self.links.remove(&peer) {
                     tracing::info!("{}: connection ended ({})", link.address, self.master.name_of(peer).unwrap_or("unnamed"));
@@ -532,7 +566,7 @@ impl Service {
             }
             Output::Close { peer, bye } => {
                 let Some(mut link) = self.links.remove(&peer) else { return };
-                if bye.code != ByeCode::EndOfShow && bye.code != ByeCode::Leaving {
+                if !matches!(bye.code, ByeCode::EndOfShow | ByeCode::Leaving | ByeCode::OtherMaster) {
                     self.complaints.warn(format_args!("{}: closed: {bye}", link.address), self.started.elapsed());
                     self.report.refused += 1;
                 }
@@ -550,7 +584,7 @@ impl Service {
                 let node = self.show.wall.nodes()[usize::from(node.0)].name.clone();
                 (self.show.node_observer)(&NodeEvent::StoodIn { node, spare });
             }
-            Output::Outnumbered { .. } => {}
+            Output::Outnumbered { peer, port } => self.ask_rival(peer, port),
             Output::WantFrame { number } => self.wanted = Some(number),
             Output::Finished => self.is_finished = true,
         }
@@ -620,6 +654,7 @@ impl Service {
         frame.passed_over = released.passed_over;
         frame.shown_by = released.shown_by;
         frame.connected = self.master.connected() as u32;
+        self.live_nodes.store(self.master.live_nodes(), Ordering::Relaxed);
         frame.standings.clear();
         frame.standings.extend((0..self.show.wall.nodes().len() as u16).map(|node| self.master.standing(NodeIndex(node))));
         frame.frame_bytes.clear();

@@ -37,12 +37,22 @@ pub trait Listener: Send + Sync {
     /// # Errors
     /// When there is none now; the next may come all the same.
     fn accept(&self) -> impl Future<Output = io::Result<(Socket, SocketAddr)>> + Send;
+
+    /// The port at which others reach it.
+    ///
+    /// # Errors
+    /// When the network does not tell.
+    fn port(&self) -> io::Result<u16>;
 }
 
 impl Listener for TcpListener {
     async fn accept(&self) -> io::Result<(Socket, SocketAddr)> {
         let (stream, address) = Self::accept(self).await?;
         Ok((stream.into(), address))
+    }
+
+    fn port(&self) -> io::Result<u16> {
+        Ok(self.local_addr()?.port())
     }
 }
 

@@ -4,12 +4,11 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use futures_util::StreamExt;
-use mullion_common::scene::{ObjectId, Package};
+use mullion_common::scene::{ObjectId, Package, Presence};
 use mullion_common::tls::describe;
 use mullion_common::wall::Wall;
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, Course, MAX_TO_TILE_BYTES, Moved, Opening, SectionRef, StandbyHello, Stats, Steering, ToMaster,
-    ToStandby, WireError,
+    ALIVE_EVERY, Bye, ByeCode, Course, MAX_TO_TILE_BYTES, Moved, Opening, StandbyHello, Stats, Steering, ToMaster, ToStandby, WireError,
 };
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 
@@ -27,6 +26,10 @@ const _: () = assert!(SILENCE.as_millis() >= 4 * TELL_STANDBYS_EVERY.as_millis()
 const TRY_AGAIN_FOR: Duration = Duration::from_millis(150);
 /// How long a first master is waited for between attempts.
 const TRY_EVERY: Duration = Duration::from_millis(30);
+/// The same where another master stands by already.
+const TRY_AGAIN_LATER: Duration = Duration::from_secs(1);
+/// How long a master that stepped back waits for the first word of the one that it stepped back for, before it takes the show up again.
+const FIRST_WORD_LIMIT: Duration = Duration::from_secs(3);
 
 /// How a connection to the master ended.
 enum Parting {
@@ -35,24 +38,25 @@ enum Parting {
 }
 
 /// Stands by until it is this master's turn, and gives the last course that was heard of, with all that moved, came or went. `None`: the
-/// show ended, or was stopped, before that.
+/// show ended, or was stopped, before that. A master that stepped back knows a course already.
 ///
 /// Nodes that come meanwhile are turned away by closing their connections: they try their other masters.
 pub(super) async fn stand_by(
     listener: &impl Listener,
     master: &str,
     show: &mut Show,
-    sections: &[SectionRef],
+    hello: &StandbyHello,
+    course: Option<Course>,
 ) -> Result<Option<Course>, ServiceError> {
-    let hello = StandbyHello::of(&show.wall, sections).map_err(std::io::Error::other)?;
     let mut known = Known::of(&show.wall, &show.package);
+    course.map_or(Ok(()), |course| known.take(course, Instant::now())).map_err(std::io::Error::other)?;
     let mut stop = show.stop.clone();
     let (connector, security) = (show.options.connector.clone(), show.options.security.clone());
     show.options.succession.stand_by();
-    (show.node_observer)(&NodeEvent::StandingBy);
+    (show.node_observer)(&NodeEvent::StandingBy { master: master.to_owned() });
     let reason = tokio::select! {
         biased;
-        parting = follow((&connector, &security), master, &hello, &mut known) => match parting {
+        parting = follow((&connector, &security), master, hello, &mut known) => match parting {
             Parting::Bye(bye) if bye.code == ByeCode::EndOfShow => return Ok(None),
             Parting::Bye(bye) => return Err(ServiceError::Standby(bye)),
             Parting::Lost(reason) => reason,
@@ -61,9 +65,20 @@ pub(super) async fn stand_by(
         () = stopped(&mut stop) => return Ok(None),
     };
     let Some(course) = known.course(show.options.rate) else { return Ok(None) };
-    (show.node_observer)(&NodeEvent::TookOver { frame: course.number + 1, reason });
+    (show.node_observer)(&NodeEvent::TookOver { master: master.to_owned(), frame: course.number + 1, reason });
     show.options.succession.take_over(course.clone());
     Ok(Some(course))
+}
+
+/// The course that a master goes on from which drove the show before: what it moved, took or brought back itself is undone first, so that
+/// its cull and its nodes agree.
+pub(super) fn handed_on(own: Option<Course>, mut course: Course, package: &Package) -> Course {
+    if let Some(own) = own {
+        let rest = |object: ObjectId| Moved { object, transform: package.scene.manifest.transforms[object.0 as usize] };
+        course.moved.splice(..0, own.moved.iter().map(|moved| rest(moved.object)));
+        course.presence.splice(..0, own.presence.iter().map(|(object, _)| (*object, Presence::There)));
+    }
+    course
 }
 
 async fn turn_away(listener: &impl Listener) {
@@ -75,9 +90,12 @@ async fn turn_away(listener: &impl Listener) {
 }
 
 /// Where the show stands, as far as it was heard.
+#[derive(Default)]
 struct Known {
     views: usize,
     objects: usize,
+    /// Whether the master that is followed has told of its show.
+    is_followed: bool,
     /// But for what it says of objects, which is below; and when it was heard of.
     newest: Option<(Course, Instant)>,
     moved: BTreeMap<ObjectId, Moved>,
@@ -87,7 +105,7 @@ struct Known {
 impl Known {
     fn of(wall: &Wall, package: &Package) -> Self {
         let (views, objects) = (wall.views().len(), package.scene.manifest.transforms.len());
-        Self { views, objects, newest: None, moved: BTreeMap::new(), presence: LastWords::default() }
+        Self { views, objects, is_followed: false, newest: None, moved: BTreeMap::new(), presence: LastWords::default() }
     }
 
     /// Takes a course, unless it is not one of this wall and scene.
@@ -109,6 +127,10 @@ impl Known {
         course.presence.drain(..).for_each(|(object, presence)| self.presence.say(object, presence, course.number));
         self.newest = Some((course, heard));
         Ok(())
+    }
+
+    fn forget(&mut self) {
+        *self = Self { views: self.views, objects: self.objects, ..Self::default() };
     }
 
     /// The newest course, as one that stands on nothing. Frames are counted on for the time since it was heard of: the master may have
@@ -137,9 +159,18 @@ fn count_on(course: &mut Course, frames: u64) {
 /// Follows the master until it says goodbye, or is gone. A master that was never there is waited for: the standby may be started first.
 async fn follow(network: (&Connector, &Security), master: &str, hello: &StandbyHello, known: &mut Known) -> Parting {
     let mut lost: Option<(Instant, String)> = None;
+    let mut last_complaint = String::new();
+    let mut complain = |what: String| {
+        if what != last_complaint {
+            tracing::warn!("{what}"); // once for each reason, not for each attempt
+            last_complaint = what;
+        }
+    };
     loop {
-        let parting = match timeout(SILENCE, connect(master, network)).await {
-            Ok(Ok(socket)) => converse(socket, hello, known, &mut lost).await,
+        // A master that hangs still takes connections: its first word on a new one counts.
+        let limit = if lost.is_some() && known.is_followed { TRY_AGAIN_FOR } else { SILENCE };
+        let parting = match timeout(limit, connect(master, network)).await {
+            Ok(Ok(socket)) => converse(socket, hello, known, (&mut lost, limit)).await,
             Ok(Err(error)) => Parting::Lost(describe(&error)),
             Err(_) => Parting::Lost("no answer".into()),
         };
@@ -148,10 +179,21 @@ async fn follow(network: (&Connector, &Security), master: &str, hello: &StandbyH
                 return Parting::Bye(bye);
             }
             Parting::Bye(bye) if bye.code == ByeCode::Failed => return Parting::Lost(bye.to_string()),
-            Parting::Bye(bye) => tracing::warn!("{master}: {bye}; trying again"),
+            Parting::Bye(bye) => {
+                lost = None; // it is there
+                complain(format!("{master}: {bye}; trying again"));
+                if bye.code == ByeCode::OtherMaster {
+                    known.forget(); // it stands by, too: its place is nobody's to take
+                }
+                if bye.code == ByeCode::TooMany {
+                    sleep(TRY_AGAIN_LATER).await;
+                }
+            }
             Parting::Lost(reason) => {
+                complain(format!("{master}: {reason}; trying again"));
                 let (since, first_reason) = lost.get_or_insert_with(|| (Instant::now(), reason));
-                if known.newest.is_some() && since.elapsed() >= TRY_AGAIN_FOR {
+                let patience = if known.is_followed { TRY_AGAIN_FOR } else { FIRST_WORD_LIMIT };
+                if known.newest.is_some() && since.elapsed() >= patience {
                     return Parting::Lost(std::mem::take(first_reason));
                 }
             }
@@ -160,8 +202,13 @@ async fn follow(network: (&Connector, &Security), master: &str, hello: &StandbyH
     }
 }
 
-/// One connection. `lost` is emptied once the master has said something on it.
-async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost: &mut Option<(Instant, String)>) -> Parting {
+/// One connection. `lost` is emptied once the master has said something on it, for which it has `first_word_limit`.
+async fn converse(
+    socket: Socket,
+    hello: &StandbyHello,
+    known: &mut Known,
+    (lost, first_word_limit): (&mut Option<(Instant, String)>, Duration),
+) -> Parting {
     let gone = |error: std::io::Error| Parting::Lost(describe(&error));
     let Socket { reader, mut writer } = socket;
     let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
@@ -171,26 +218,27 @@ async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost:
         return gone(error);
     }
     let mut beat = tokio::time::interval(ALIVE_EVERY);
-    let mut heard = Instant::now();
+    let mut silent_at = Instant::now() + first_word_limit;
     loop {
         let answer = tokio::select! {
             biased;
             _ = beat.tick() => ToMaster::Stats(Stats::default()),
-            body = timeout_at(heard + SILENCE, bodies.next()) => {
-                heard = Instant::now();
+            body = timeout_at(silent_at, bodies.next()) => {
                 let body = match body {
                     Ok(Some(Ok(body))) => body,
                     Ok(Some(Err(error))) => return gone(error),
                     Ok(None) => return Parting::Lost("the master closed the connection".into()),
-                    Err(_) => return Parting::Lost(format!("the master was silent for {} ms", SILENCE.as_millis())),
+                    Err(_) => return Parting::Lost("the master is silent".into()),
                 };
                 *lost = None;
+                silent_at = Instant::now() + SILENCE;
                 match ToStandby::decode(&body) {
                     Ok(ToStandby::Course(course)) => {
                         let frame = course.number;
-                        if let Err(problem) = known.take(course, heard) {
+                        if let Err(problem) = known.take(course, Instant::now()) {
                             return Parting::Lost(format!("the master sent {problem}"));
                         }
+                        known.is_followed = true;
                         ToMaster::Ready { frame, shown: None }
                     }
                     Ok(ToStandby::Alive) => continue,
@@ -205,7 +253,25 @@ async fn converse(socket: Socket, hello: &StandbyHello, known: &mut Known, lost:
     }
 }
 
-async fn write(
+/// Whether a master drives the show: it tells of it, or another one stands by for it.
+pub(super) async fn drives(master: &str, network: (&Connector, &Security), hello: &StandbyHello) -> bool {
+    let ask = async {
+        let Socket { reader, mut writer } = connect(master, network).await.ok()?;
+        let hello = Opening::Standby(*hello);
+        write(&mut writer, &mut Vec::new(), |out| hello.encode(out)).await.ok()?;
+        let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
+        loop {
+            match ToStandby::decode(&bodies.next().await?.ok()?).ok()? {
+                ToStandby::Course(_) => return Some(true),
+                ToStandby::Alive => {}
+                ToStandby::Bye(bye) => return Some(bye.code == ByeCode::TooMany),
+            }
+        }
+    };
+    timeout(SILENCE, ask).await.ok().flatten().unwrap_or(false)
+}
+
+pub(super) async fn write(
     writer: &mut Writer,
     buffer: &mut Vec<u8>,
     encode: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>,
