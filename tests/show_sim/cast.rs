@@ -47,8 +47,7 @@ pub enum Order {
 }
 
 /// A process that is started and killed as it is told; its machine stays.
-pub async fn master(host: usize, wall: Arc<Wall>, orders: watch::Receiver<Order>, observed: Shared) -> turmoil::Result {
-    let mut orders = orders;
+pub async fn master(host: usize, wall: Arc<Wall>, mut orders: watch::Receiver<Order>, observed: Shared) -> turmoil::Result {
     let stop = observed.lock().expect("nobody panicked").stop.clone();
     loop {
         let order = *orders.wait_for(|order| *order != Order::Nothing).await?;

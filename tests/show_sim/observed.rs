@@ -13,7 +13,7 @@ use tokio::sync::watch;
 
 use crate::BACK_WITHIN;
 use crate::cast::{LEAVES, MASTERS, RATE_HZ, wall};
-use crate::plan::{Blow, Plan};
+use crate::plan::{Blow, Plan, Strike};
 use crate::session_support::visible;
 
 /// How long messages of a fault may still be on their way when it is over.
@@ -251,9 +251,10 @@ impl Observed {
 
     /// Whether a fault of its own is why a player, since a moment, did not do as the others.
     fn is_excused(&self, player: usize, since: Duration) -> bool {
-        let strikes = self.plan.strikes.iter().filter(|strike| strike.blow.node() == Some(player));
         let is_hostile = (self.plan.honest()..self.plan.places()).contains(&player);
-        is_hostile || strikes.into_iter().any(|strike| strike.from <= now() && since <= strike.until + AFTERMATH)
+        let is_why =
+            |strike: &Strike| strike.blow.node() == Some(player) && strike.from <= now() && since <= strike.until + AFTERMATH;
+        is_hostile || self.plan.strikes.iter().any(is_why)
     }
 
     pub fn node_event(&mut self, reign: usize, event: &NodeEvent) {

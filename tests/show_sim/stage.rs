@@ -110,9 +110,9 @@ impl<'a> Stage<'a> {
         let wall = wall(plan.grid);
         let masters = 1 + usize::from(plan.has_standby);
         let orders = [Order::Begin, if plan.has_standby { Order::StandBy } else { Order::Nothing }];
-        let orders = orders.map(|order| watch::Sender::new(order));
-        for host in 0..masters {
-            let (wall, orders, observed) = (Arc::clone(&wall), orders[host].clone(), Arc::clone(&observed));
+        let orders = orders.map(watch::Sender::new);
+        for (host, orders) in orders.iter().enumerate().take(masters) {
+            let (wall, orders, observed) = (Arc::clone(&wall), orders.clone(), Arc::clone(&observed));
             let master = move || cast::master(host, Arc::clone(&wall), orders.subscribe(), Arc::clone(&observed));
             sim.host(MASTERS[host], master);
         }
