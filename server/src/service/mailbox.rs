@@ -14,6 +14,14 @@ struct Inner {
     is_closed: bool,
 }
 
+/// What comes of a message that was queued.
+pub(super) struct Queued {
+    /// Memory to be used again.
+    pub buffers: [Option<Vec<u8>>; 2],
+    /// How many messages wait now.
+    pub waiting: usize,
+}
+
 #[derive(Debug, Default)]
 pub(super) struct Mailbox {
     inner: Mutex<Inner>,
@@ -21,14 +29,14 @@ pub(super) struct Mailbox {
 }
 
 impl Mailbox {
-    /// Queues a message; gives back memory to be used again, and how many messages wait now.
-    pub fn push(&self, message: Message) -> Result<([Option<Vec<u8>>; 2], usize), Full> {
+    /// Queues a message.
+    pub fn push(&self, message: Message) -> Result<Queued, Full> {
         let mut inner = self.lock();
         let replaced = inner.outbox.push(message)?;
         let (spent, waiting) = (inner.spent.take(), inner.outbox.waiting());
         drop(inner);
         self.changed.notify_one();
-        Ok(([replaced.map(|m| m.bytes), spent], waiting))
+        Ok(Queued { buffers: [replaced.map(|m| m.bytes), spent], waiting })
     }
 
     /// What waits is written, then [`Mailbox::next`] ends.

@@ -37,7 +37,7 @@ use crate::master::{Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, M
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
 use blobs::Blobs;
 use connection::{Connection, Event, Role};
-use mailbox::Mailbox;
+use mailbox::{Mailbox, Queued};
 pub use network::{Connecting, Connector, Listener, Reader, Socket, Writer};
 pub use pose::Pose;
 pub use report::{FrameReport, NodeEvent, ShowReport};
@@ -548,7 +548,7 @@ impl Service {
             Output::Send { peer, message } => {
                 let Some(link) = self.links.get(&peer) else { return };
                 match link.mailbox.push(message) {
-                    Ok((buffers, waiting)) => {
+                    Ok(Queued { buffers, waiting }) => {
                         self.frame.longest_queue = self.frame.longest_queue.max(waiting as u32);
                         buffers.into_iter().flatten().for_each(|buffer| self.master.recycle(buffer));
                     }
@@ -665,6 +665,7 @@ impl Service {
         for node in &frame.passed_over {
             tracing::info!("frame {}: passed over node {:?}", frame.number, self.show.wall.nodes()[usize::from(node.0)].name);
         }
+        while self.tasks.try_join_next().is_some() {}
         frame.open = self.tasks.len() as u32;
         (self.show.observer)(frame);
         frame.longest_queue = 0;
