@@ -8,8 +8,8 @@ use mullion_common::wire::{Bye, ByeCode, MAX_TO_TILE_BYTES, Opening, RivalHello,
 use tokio::time::{sleep, timeout};
 
 use super::connection::framed;
-use super::standby::write;
 use super::network::{Connector, Socket};
+use super::standby::write;
 use super::transport::{Security, connect};
 
 /// How often the other master is asked.

@@ -8,7 +8,8 @@ use mullion_common::scene::{ObjectId, Package, Presence};
 use mullion_common::tls::describe;
 use mullion_common::wall::Wall;
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, Course, MAX_TO_TILE_BYTES, Moved, Opening, StandbyHello, Stats, Steering, ToMaster, ToStandby, WireError,
+    ALIVE_EVERY, Bye, ByeCode, Course, MAX_TO_TILE_BYTES, Moved, Opening, StandbyHello, Stats, Steering, ToMaster, ToStandby,
+    WireError,
 };
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 
