@@ -198,9 +198,9 @@ fn the_course_refuses_each_number_that_is_not_finite() {
     let answer = |change: fn(&mut Course)| {
         let mut bad = good.clone();
         change(&mut bad);
-        standby(&ToStandby::Course(bad))
+        standby(&ToStandby::Course(Box::new(bad)))
     };
-    assert_eq!(answer(|_| {}), Ok(ToStandby::Course(good.clone())));
+    assert_eq!(answer(|_| {}), Ok(ToStandby::Course(Box::new(good.clone()))));
     let not_finite = Err(WireError::NotFinite { what: "a number of the course" });
     assert_eq!(answer(|c| c.scene_time_s = f64::NAN), not_finite);
     assert_eq!(answer(|c| c.world_from_room.translation.y = f64::NAN), not_finite);

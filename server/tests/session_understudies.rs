@@ -58,7 +58,7 @@ fn sent(outputs: &[Output], to: PeerId) -> Vec<ToTile> {
 
 fn courses(outputs: &[Output]) -> Vec<Course> {
     let courses = bodies(outputs, STANDBY).into_iter().map(|body| match ToStandby::decode(body).unwrap() {
-        ToStandby::Course(course) => course,
+        ToStandby::Course(course) => *course,
         other => panic!("{other:?}"),
     });
     courses.collect()
@@ -299,6 +299,13 @@ fn of_two_masters_the_one_that_is_greeted_decides_and_the_one_with_fewer_nodes_s
     let other = RivalHello { show: StandbyHello::of(&wall(3), &[]).unwrap(), live_nodes: 2, port: 7467 };
     assert_eq!(greet(24, Opening::Rival(other)), (Some(ByeCode::Refused), false), "of another wall");
     assert!(ByeCode::OtherMaster.is_retryable(), "nodes go on to the other");
+    // One that hung knows nothing of its nodes: who asks is to ask again.
+    first.handle_connected(PeerId(25), ms(4000));
+    first.handle_opening(PeerId(25), rival(1), ms(4000));
+    assert_eq!(closed(&outputs(&mut first), PeerId(25)), Some(ByeCode::Timeout));
+    first.handle_connected(PeerId(26), ms(5000));
+    first.handle_opening(PeerId(26), rival(1), ms(5000));
+    assert_eq!(closed(&outputs(&mut first), PeerId(26)), Some(ByeCode::OtherMaster));
     assert_eq!(first.connected(), 2, "nobody else is touched");
 }
 

@@ -90,7 +90,7 @@ pub struct Course {
 #[derive(Clone, Debug, PartialEq)]
 pub enum ToStandby {
     /// Where the show stands.
-    Course(Course),
+    Course(Box<Course>),
     /// The master is there and has nothing to say.
     Alive,
     /// The master ends the connection. At the show's end, nobody takes its place.
@@ -208,7 +208,7 @@ impl ToStandby {
     pub fn decode(body: &[u8]) -> Result<Self, WireError> {
         let (tag, rest) = split_tag(body, MAX_TO_TILE_BYTES)?;
         match tag {
-            tag::COURSE => Ok(Self::Course(Course::decode(rest)?)),
+            tag::COURSE => Ok(Self::Course(Box::new(Course::decode(rest)?))),
             tag::ALIVE if rest.is_empty() => Ok(Self::Alive),
             tag::BYE => Ok(Self::Bye(take_bye(rest)?)),
             tag => Err(WireError::Tag { tag }),

@@ -28,7 +28,7 @@ fn rival_hello() -> Opening {
 }
 
 fn course() -> ToStandby {
-    ToStandby::Course(Course {
+    ToStandby::Course(Box::new(Course {
         number: 9,
         scene_time_s: 0.5,
         world_from_room: DAffine3::from_translation(DVec3::new(1.0, 2.0, 4.0)),
@@ -38,7 +38,7 @@ fn course() -> ToStandby {
         budgets: vec![Budget { triangles: None, gpu_us: Some(500) }],
         presence: vec![(ObjectId(4), Presence::Away), (ObjectId(2), Presence::There)],
         moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
-    })
+    }))
 }
 
 fn welcome() -> ToTile {

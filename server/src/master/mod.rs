@@ -38,6 +38,7 @@ use admission::Claim;
 use history::History;
 pub(crate) use last_words::LastWords;
 pub use outbox::{Full, Kind, MAX_QUEUED, MAX_WAITING, Message, Outbox};
+use rivals::Pulse;
 pub use spares::SPARE_AFTER;
 use spares::Spare;
 use standbys::Standby;
@@ -253,6 +254,7 @@ pub struct Master {
     barrier: SwapBarrier,
     history: History,
     phase: Phase,
+    pulse: Pulse,
     /// When the newest frame was due.
     beat: Duration,
     next_frame: u64,
@@ -287,6 +289,7 @@ impl Master {
             standbys: Vec::new(),
             history: History::default(),
             phase: Phase::Idle { due: now },
+            pulse: Pulse::new(now),
             beat: now,
             next_frame: options.first_frame,
             sessions: 0,
@@ -346,7 +349,7 @@ impl Master {
                 Opening::Control(hello) if hello.part == Part::Spare => self.greet_spare(peer, &hello, now),
                 Opening::Control(hello) => self.greet(peer, &hello, now),
                 Opening::Standby(hello) => self.greet_standby(peer, &hello, now),
-                Opening::Rival(hello) => self.greet_rival(peer, &hello),
+                Opening::Rival(hello) => self.greet_rival(peer, &hello, now),
                 Opening::Chunks(hello) => self.open_chunks(peer, hello),
             }
             self.advance(now);
@@ -400,6 +403,7 @@ impl Master {
 
     /// Time has passed.
     pub fn handle_timeout(&mut self, now: Duration) {
+        self.pulse.beat(now);
         let late = |p: &Peer| matches!(p, Peer::Unnamed { deadline, .. } if *deadline <= now);
         while let Some(peer) = self.peers.iter().find(|(_, p)| late(p)).map(|(id, _)| *id) {
             let reason = format!("no greeting within {} s", OPENING_LIMIT.as_secs());

@@ -236,7 +236,7 @@ async fn converse(
                 match ToStandby::decode(&body) {
                     Ok(ToStandby::Course(course)) => {
                         let frame = course.number;
-                        if let Err(problem) = known.take(course, Instant::now()) {
+                        if let Err(problem) = known.take(*course, Instant::now()) {
                             return Parting::Lost(format!("the master sent {problem}"));
                         }
                         known.is_followed = true;
