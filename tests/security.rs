@@ -2,8 +2,11 @@
 //! reads why, in bounded time, while the show goes on.
 //! Method: services and nodes on loopback, with identities made here. `tests/enroll.rs` has what the commands make of it.
 
+#[path = "support/painter.rs"]
+mod painter;
+#[path = "support/relay.rs"]
+mod relay;
 mod session_support;
-mod support;
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -21,9 +24,9 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wire::{ByeCode, Hello, LENGTH_BYTES, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, ToTile};
 use mullion_server::enroll::Authority;
 use mullion_server::service::{self, MasterTls, Pose, Rate, SecurityError, ServiceError, Show, ShowOptions, ShowReport};
+use painter::{Blank, Witness};
+use relay::Relay;
 use session_support::{package, wall};
-use support::painter::{Blank, Witness};
-use support::relay::Relay;
 use tokio::sync::watch;
 
 const LEAVES: u32 = 40;

@@ -1,4 +1,5 @@
 //! A way between two processes that a test can cut and mend.
+#![allow(dead_code)] // each test uses its part
 
 use std::io;
 use std::net::{Shutdown, TcpListener, TcpStream};
