@@ -105,6 +105,14 @@ impl SwapBarrier {
         *member = Member { standing: Standing::Absent, ready: None, in_time_in_a_row: 0, ..*member };
     }
 
+    /// The node cannot draw what comes, and is not to blame: nothing waits for it until it has been in time again.
+    pub fn hold_back(&mut self, node: NodeIndex) {
+        let member = self.member(node);
+        if member.standing == Standing::Live {
+            (member.standing, member.in_time_in_a_row) = (Standing::Trying, 0);
+        }
+    }
+
     /// What a node is now.
     pub fn standing(&self, node: NodeIndex) -> Standing {
         self.members[usize::from(node.0)].standing

@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use super::codec::List;
 use super::{
     Frame, MAGIC, MAX_CACHED, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_CREDENTIALS_BYTES, MAX_NAME_BYTES,
-    MAX_OPENING_BYTES, MAX_PIECE_BYTES, MAX_REASON_BYTES, MAX_SECTIONS, MAX_TILE_SECTION_BYTES, MAX_TO_MASTER_BYTES,
-    MAX_TO_TILE_BYTES, MAX_VIEWS, MAX_WANTED, PROTOCOL_VERSION, StandbyHello, WireError, codec, framed, within,
+    MAX_OPENING_BYTES, MAX_PIECE_BYTES, MAX_REASON_BYTES, MAX_TILE_SECTION_BYTES, MAX_TO_MASTER_BYTES, MAX_TO_TILE_BYTES,
+    MAX_VIEWS, MAX_WANTED, Manifest, PROTOCOL_VERSION, StandbyHello, WireError, codec, framed, within,
 };
-use crate::scene::{ChunkHash, SectionKind};
+use crate::scene::ChunkHash;
 use crate::wall::{Eye, ObserverId, TileId, ViewId, Wall};
 
 pub(super) mod tag {
@@ -31,6 +31,7 @@ pub(super) mod tag {
     pub const PONG: u8 = 15;
     pub const STANDBY_HELLO: u8 = 16;
     pub const COURSE: u8 = 17;
+    pub const PREPARED: u8 = 18;
 }
 
 /// A node's greeting on its control connection.
@@ -121,6 +122,11 @@ pub enum ToMaster {
         frame: u64,
         /// The last frame shown, where that has not been said and the master's clock is known.
         shown: Option<Shown>,
+    },
+    /// It holds a scene that has grown, and would see it all: an answer to every manifest but the first.
+    Prepared {
+        /// Of the manifest.
+        epoch: u32,
     },
     /// What time is it there?
     Ping(Ping),
@@ -293,27 +299,6 @@ pub struct Welcome {
     pub rate_hz: f64,
     /// Number of the next frame.
     pub next_frame: u64,
-}
-
-/// A section of the scene that tiles need, fetched as a blob.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SectionRef {
-    /// What it holds.
-    pub kind: SectionKind,
-    /// Name of its bytes.
-    pub hash: ChunkHash,
-    /// How many bytes.
-    pub length: u64,
-}
-
-/// Which scene the frames are of.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Manifest {
-    /// Frames of this epoch speak of this scene.
-    pub epoch: u32,
-    /// What to fetch before anything can be drawn.
-    #[serde(deserialize_with = "codec::list")]
-    pub sections: Vec<SectionRef>,
 }
 
 /// From the master to a node, on the control connection.
@@ -512,6 +497,7 @@ impl ToMaster {
         let cap = MAX_TO_MASTER_BYTES;
         match self {
             Self::Ready { frame, shown } => framed(out, tag::READY, cap, |out| Ok(codec::encode_into(&(frame, shown), out)?)),
+            Self::Prepared { epoch } => framed(out, tag::PREPARED, cap, |out| Ok(codec::encode_into(epoch, out)?)),
             Self::Ping(ping) => framed(out, tag::PING, cap, |out| Ok(codec::encode_into(ping, out)?)),
             Self::Stats(stats) => framed(out, tag::STATS, cap, |out| Ok(codec::encode_into(stats, out)?)),
             Self::Bye(bye) => framed(out, tag::BYE, cap, |out| put_bye(out, bye)),
@@ -529,6 +515,7 @@ impl ToMaster {
                 let (frame, shown) = codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?;
                 Ok(Self::Ready { frame, shown })
             }
+            tag::PREPARED => Ok(Self::Prepared { epoch: codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)? }),
             tag::PING => Ok(Self::Ping(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
             tag::STATS => Ok(Self::Stats(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
             tag::BYE => Ok(Self::Bye(take_bye(rest)?)),
@@ -600,18 +587,6 @@ impl Welcome {
             Ok(())
         } else {
             Err(WireError::NotFinite { what: "a number of the welcome" })
-        }
-    }
-}
-
-impl Manifest {
-    fn check(&self) -> Result<(), WireError> {
-        within("sections", self.sections.len(), MAX_SECTIONS)?;
-        let longest = self.sections.iter().map(|s| s.length).max().unwrap_or(0);
-        if longest <= MAX_TILE_SECTION_BYTES {
-            Ok(())
-        } else {
-            Err(WireError::Limit { what: "bytes of a section", value: longest, cap: MAX_TILE_SECTION_BYTES })
         }
     }
 }

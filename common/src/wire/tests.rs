@@ -120,6 +120,7 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
         ("pong", bytes(|out| ToTile::Pong(Pong { at_us: 258, master_us: 3 }).encode(out))),
         ("standby hello", bytes(|out| standby_hello().encode(out))),
         ("course", bytes(|out| course().encode(out))),
+        ("prepared", bytes(|out| ToMaster::Prepared { epoch: 258 }.encode(out))),
     ]
 }
 
@@ -129,16 +130,16 @@ fn golden_bytes() {
     let golden = [
         (
             "hello",
-            format!("01 4d554c4c03000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
+            format!("01 4d554c4c04000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
         ),
-        ("chunk hello", "02 4d554c4c03000000 0201000000000000".into()),
+        ("chunk hello", "02 4d554c4c04000000 0201000000000000".into()),
         ("ready", "03 0201000000000000 01 0101000000000000 0700000000000000".into()),
         ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
         ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
         (
             "welcome",
             format!(
-                "06 03000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
+                "06 04000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
                  01000000 {} 80020000 e0010000 {} {} 0500000000000000",
                 f64s(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
                 f64s(&[0.25]),
@@ -167,7 +168,7 @@ fn golden_bytes() {
         ("bye on chunks", "05 03000000 0200000000000000 6e6f".into()),
         ("ping", "0e 0201000000000000".into()),
         ("pong", "0f 0201000000000000 0300000000000000".into()),
-        ("standby hello", format!("10 4d554c4c03000000 {ab} {}", "cd".repeat(32))),
+        ("standby hello", format!("10 4d554c4c04000000 {ab} {}", "cd".repeat(32))),
         (
             "course",
             format!(
@@ -178,6 +179,7 @@ fn golden_bytes() {
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
             ),
         ),
+        ("prepared", "12 02010000".into()),
     ];
     for ((name, bytes), (golden_name, golden)) in samples().iter().zip(golden) {
         assert_eq!(*name, golden_name);
@@ -198,6 +200,19 @@ fn messages_go_round() {
     }
     let piece = ChunkReply::Piece(Piece { hash: ChunkHash([1; 32]), offset: 0, total: 3, bytes: b"abc" });
     assert_eq!(ChunkReply::decode(body_of(&bytes(|out| piece.encode(out)))), Ok(piece));
+}
+
+#[test]
+fn a_manifest_has_whole_parts() {
+    let of = |kinds: &[SectionKind]| {
+        let section = |(i, kind): (usize, &SectionKind)| SectionRef { kind: *kind, hash: ChunkHash([i as u8; 32]), length: 1 };
+        Manifest { epoch: 1, sections: kinds.iter().enumerate().map(section).collect() }.parts()
+    };
+    let [a, b, c, d] = SectionKind::FOR_TILES;
+    let parts = of(&[a, b, c, d, d, c, b, a]).unwrap();
+    assert_eq!(parts.iter().map(|part| part.map(|s| s.hash.0[0])).collect::<Vec<_>>(), [[0, 1, 2, 3], [7, 6, 5, 4]]);
+    assert_eq!(of(&[]), Err("the manifest lacks section Transforms".to_owned()));
+    assert_eq!(of(&[a, b, c, d, a, b, d]), Err("the manifest lacks section Materials".to_owned()));
 }
 
 #[test]
@@ -294,7 +309,7 @@ proptest! {
 
     #[test]
     fn mutated_messages_do_not_panic(
-        which in 0..19usize, edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        which in 0..20usize, edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         keep in any::<prop::sample::Index>(), cut in any::<bool>(),
     ) {
         let mut body = body_of(&samples()[which].1).to_vec();

@@ -102,6 +102,8 @@ impl Driver {
             moved: std::mem::take(&mut steered.moved),
             presence: std::mem::take(&mut steered.presence),
             budgets: steered.budgets.clone(),
+            offer: self.batches.take_offer(),
+            grows: false,
         }
     }
 }

@@ -2,16 +2,20 @@
 //!
 //! Bounded by count, and so by bytes: a change has a fixed size. Taking from an empty queue is a few atomic reads.
 
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
-use mullion_common::control::{Command, MAX_MOVES, decode_moves};
+use mullion_common::control::{Command, Insert, MAX_MOVES, decode_moves};
 use mullion_common::scene::{ObjectId, Package};
 use mullion_common::wall::{TileId, Wall};
 
 use super::check::{Change, Checker, ControlError};
+use super::grafter::{Grafter, OnInserted};
 use super::why::Snapshot;
+use crate::library::Library;
+use crate::service::Offer;
 
 /// Most changes that wait for a frame, each eye counted.
 pub const MAX_QUEUED: usize = 262_144;
@@ -49,12 +53,15 @@ pub struct Inlet {
     batches: SyncSender<Batch>,
     questions: SyncSender<(Subject, OnSnapshot)>,
     queued: Arc<AtomicUsize>,
+    offers: SyncSender<Arc<Offer>>,
+    grafter: Option<Grafter>,
 }
 
 /// Where frames take commands.
 pub struct Batches {
     receiver: Receiver<Batch>,
     queued: Arc<AtomicUsize>,
+    offers: Receiver<Arc<Offer>>,
 }
 
 /// Where frames take questions.
@@ -66,16 +73,36 @@ pub struct Questions {
 pub fn channel(wall: &Arc<Wall>, package: &Arc<Package>) -> (Inlet, Batches, Questions) {
     let (batches, batch_receiver) = sync_channel(MAX_BATCHES);
     let (questions, question_receiver) = sync_channel(MAX_QUESTIONS);
+    let (offers, offer_receiver) = sync_channel(1);
     let queued = Arc::new(AtomicUsize::new(0));
     let checker = Checker::new(Arc::clone(wall), Arc::clone(package));
-    let inlet = Inlet { checker, batches, questions, queued: Arc::clone(&queued) };
-    (inlet, Batches { receiver: batch_receiver, queued }, Questions { receiver: question_receiver })
+    let inlet = Inlet { checker, batches, questions, queued: Arc::clone(&queued), offers, grafter: None };
+    let batches = Batches { receiver: batch_receiver, queued, offers: offer_receiver };
+    (inlet, batches, Questions { receiver: question_receiver })
 }
 
 impl Inlet {
     /// What it checks by.
     pub fn checker(&self) -> &Checker {
         &self.checker
+    }
+
+    /// The same, but what a library holds may be inserted.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn inserting_from(mut self, library: Library) -> io::Result<Self> {
+        self.grafter = Some(Grafter::start(library, self.checker.clone(), self.offers.clone())?);
+        Ok(self)
+    }
+
+    /// Queues an insertion, which takes many frames.
+    ///
+    /// # Errors
+    /// When it cannot be done, or too many wait.
+    pub fn insert(&self, insert: &Insert, on_inserted: OnInserted) -> Result<(), ControlError> {
+        let grafter = self.grafter.as_ref().ok_or(ControlError::NoLibrary)?;
+        grafter.insert(self.checker.insertion(insert)?, on_inserted)
     }
 
     /// Queues commands, all for one frame.
@@ -133,6 +160,11 @@ impl Batches {
             self.queued.fetch_sub(batch.weight, Ordering::Relaxed);
             (batch.on_taken)(frame);
         }
+    }
+
+    /// A scene that has grown, if one is there.
+    pub(super) fn take_offer(&self) -> Option<Arc<Offer>> {
+        self.offers.try_recv().ok()
     }
 }
 

@@ -32,6 +32,9 @@ impl Master {
             Ok(own) if own.scene != hello.scene => {
                 Some((ByeCode::Refused, "the standby has another scene than its master".into()))
             }
+            Ok(_) if self.is_growing() => {
+                Some((ByeCode::Refused, "the scene of its master grows, and it would have another".into()))
+            }
             Ok(_) if self.standbys.len() >= MAX_STANDBYS => {
                 Some((ByeCode::TooMany, format!("{MAX_STANDBYS} masters stand by already")))
             }
@@ -51,7 +54,7 @@ impl Master {
         standby.heard = now;
         match message {
             ToMaster::Ready { frame, .. } => standby.acked = standby.acked.max(Some(frame)),
-            ToMaster::Ping(_) | ToMaster::Stats(_) => {}
+            ToMaster::Prepared { .. } | ToMaster::Ping(_) | ToMaster::Stats(_) => {}
             ToMaster::Bye(bye) => self.drop_peer(peer, bye),
         }
     }

@@ -5,6 +5,7 @@
 
 mod blobs;
 mod connection;
+mod growth;
 mod mailbox;
 mod pose;
 mod standby;
@@ -32,6 +33,7 @@ use crate::master::{Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, M
 use crate::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 use blobs::Blobs;
 use connection::{Connection, Event, Role};
+pub use growth::{Insertion, Offer, OfferError, Outcome};
 use mailbox::Mailbox;
 pub use pose::Pose;
 use standby::Inherited;
@@ -280,6 +282,8 @@ pub async fn serve(listener: TcpListener, mut show: Show) -> Result<ShowReport, 
         wanted: None,
         complaints: Complaints::default(),
         inherited: inherited.moved,
+        object_count: show.package.scene.objects.len(),
+        offered: None,
         show,
     };
     service.run(listener, inbox).await
@@ -353,6 +357,10 @@ struct Service {
     complaints: Complaints,
     /// Objects that moved under the master before.
     inherited: Vec<Moved>,
+    /// Of the scene that is shown.
+    object_count: usize,
+    /// The scene that nodes are preparing for.
+    offered: Option<Arc<Offer>>,
     show: Show,
 }
 
@@ -542,7 +550,8 @@ impl Service {
             let newer = std::mem::replace(&mut pose.moved, std::mem::take(&mut self.inherited));
             pose.moved.extend(newer);
         }
-        if let Err(problem) = pose.check(self.show.wall.views().len(), self.show.package.scene.manifest.transforms.len()) {
+        self.grow(number, &mut pose);
+        if let Err(problem) = pose.check(self.show.wall.views().len(), self.object_count) {
             let fault = ServiceError::Pose { frame: number, problem };
             self.master.handle_shutdown(&Bye::new(ByeCode::Failed, fault.to_string()));
             self.fault = Some(fault);
