@@ -230,7 +230,8 @@ impl Growing {
                         assert_eq!(self.blobs[&hash].len() as u64, length);
                         let times = n.fetched.entry(hash).or_default();
                         *times += 1;
-                        assert_eq!(*times, 1, "node {node} fetches {hash} twice");
+                        // A part without materials has the same table as another without.
+                        assert!(*times == 1 || length <= 8, "node {node} fetches {hash} twice");
                         n.blobs.push_back((self.frame + self.rng.within(1, 4), hash));
                     }
                 }

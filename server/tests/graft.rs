@@ -71,7 +71,7 @@ fn packaged(parts: &[Part]) -> Package {
             instances: Vec::new(),
         });
     }
-    let mesh = |i: u32| SourceMesh { gltf_mesh: i, primitives: vec![tent(2 + i * 3, 1.0 + i as f32)] };
+    let mesh = |i: u32| SourceMesh { gltf_mesh: i, name: None, primitives: vec![tent(2 + i * 3, 1.0 + i as f32)] };
     let scene = SourceScene {
         nodes,
         roots,
@@ -85,7 +85,7 @@ fn packaged(parts: &[Part]) -> Package {
 }
 
 fn wall() -> Wall {
-    let text = "[grid]\ncolumns = 3\nrows = 2\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\nbezel_m = 0.02\n";
+    let text = "[grid]\ncolumns = 3\nrows = 2\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\nbezel_m = [0.02, 0.03]\n";
     WallConfig::parse(text).expect("a valid wall")
 }
 

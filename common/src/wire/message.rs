@@ -123,7 +123,8 @@ pub enum ToMaster {
         /// The last frame shown, where that has not been said and the master's clock is known.
         shown: Option<Shown>,
     },
-    /// It holds a scene that has grown, and would see it all: an answer to every manifest but the first.
+    /// It holds the tables of a scene that has grown, and the chunks of what it would see of that: the answer to every manifest but the
+    /// first.
     Prepared {
         /// Of the manifest.
         epoch: u32,
