@@ -4,7 +4,6 @@
 //! sleeps to synchronise; every wait ends.
 
 mod session_support;
-mod support;
 
 use std::io::Write;
 use std::net::{SocketAddr, TcpListener};
@@ -31,7 +30,6 @@ use mullion_server::prepare::write_package;
 use mullion_server::record::{Ending, Header, Reader, Recorder};
 use mullion_server::service::{Offer, Rate, Show, ShowOptions, ShowReport, run as run_show};
 use session_support::{OBJECTS, package, wall};
-use support::{Process, mullion};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 const LEAVES: u32 = 40;
@@ -248,49 +246,4 @@ fn what_cannot_be_inserted_is_refused_in_one_line_and_the_show_goes_on() {
         assert!(error.contains("--library"), "{error}");
         control.send(&[Command::Pause]).unwrap();
     });
-}
-
-#[test]
-fn the_command_line_inserts_tells_of_the_whole_scene_and_replays() {
-    let folder = library();
-    let path = |name: &str| folder.path().join(name).display().to_string();
-    let (wall, scene, record, report) = (path("wall.toml"), path("scene.mullion"), path("show.rec"), path("report.json"));
-    std::fs::write(&wall, "[grid]\ncolumns = 2\nrows = 1\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\n").unwrap();
-    write_package(&package(LEAVES), Path::new(&scene)).unwrap();
-    let any = "127.0.0.1:0";
-    let mut serve = Process::start(&[
-        "serve",
-        &wall,
-        &scene,
-        "--listen",
-        any,
-        "--control",
-        any,
-        "--library",
-        &path(""),
-        "--record",
-        &record,
-        "--report",
-        &report,
-        "--frames",
-        "400",
-        "--path",
-        "whole",
-    ]);
-    let mut address = None;
-    serve.until("control API", PATIENCE, |serve| {
-        let line = serve.out.lines().into_iter().find(|line| line.starts_with("steer it at:"));
-        address = line.and_then(|line| line.split("http://").nth(1)?.strip_suffix("/status")?.parse::<SocketAddr>().ok());
-        address.is_some()
-    });
-    let inserted = Control::connect(address.unwrap()).unwrap().insert(&insert("more.mullion", None, 1.0)).unwrap();
-    assert_eq!(inserted.objects.first, OBJECTS);
-    assert_eq!(serve.wait(PATIENCE), Some(0), "{}", serve.err.text());
-    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
-    assert_eq!(report["leaves"], LEAVES + 60, "{report}");
-    let replay = ["replay", &record, "--wall", &wall, "--scene", &scene];
-    let done = mullion(&[&replay[..], &["--library", &path("")]].concat(), PATIENCE);
-    assert!(done.code == Some(0) && done.out.contains("400 frames"), "{}{}", done.out, done.err);
-    let done = mullion(&replay, PATIENCE);
-    assert!(done.code != Some(0) && done.err.contains("--library"), "{}{}", done.out, done.err);
 }
