@@ -62,10 +62,14 @@ pub fn stop_on_interrupt() -> Result<watch::Sender<bool>> {
 pub struct Record(Arc<Mutex<Data>>);
 
 struct Data {
+    /// The scene that is shown, and one that it is to become.
+    package: Arc<Package>,
+    offered: Option<Arc<Package>>,
+    /// Leaves of the scene, summed over the frames.
+    leaves: u64,
     last_frame: Option<Instant>,
     cull_us: VecDeque<f64>,
     frame_ms: VecDeque<f64>,
-    frames: u64,
     /// By `NodeIndex`.
     frame_bytes: Vec<u64>,
     /// The last frame's, by `ViewId`.
@@ -76,12 +80,14 @@ struct Data {
 
 impl Record {
     /// An empty record.
-    pub fn new(wall: &Wall) -> Self {
+    pub fn new(wall: &Wall, package: &Arc<Package>) -> Self {
         Self(Arc::new(Mutex::new(Data {
+            package: Arc::clone(package),
+            offered: None,
+            leaves: 0,
             last_frame: None,
             cull_us: VecDeque::new(),
             frame_ms: VecDeque::new(),
-            frames: 0,
             frame_bytes: vec![0; wall.nodes().len()],
             sets: vec![VisibleSet::default(); wall.views().len()],
             leaves_seen: vec![0; wall.views().len()],
@@ -97,6 +103,13 @@ impl Record {
             let cull_us = start.elapsed().as_secs_f64() * 1e6;
             let mut data = record.0.lock().unwrap_or_else(PoisonError::into_inner);
             keep(&mut data.cull_us, cull_us);
+            if let Some(grown) = data.offered.take_if(|_| pose.grows) {
+                data.package = grown;
+            }
+            if let Some(offer) = &pose.offer {
+                data.offered = Some(Arc::clone(offer.package()));
+            }
+            data.leaves += u64::from(data.package.scene.leaf_count());
             let Data { sets: last, leaves_seen, .. } = &mut *data;
             for ((set, last), seen) in sets.iter().zip(last).zip(leaves_seen) {
                 last.clone_from(set);
@@ -111,21 +124,21 @@ impl Record {
         let now = Instant::now();
         let frame_ms = data.last_frame.replace(now).map(|last| (now - last).as_secs_f64() * 1e3);
         frame_ms.into_iter().for_each(|ms| keep(&mut data.frame_ms, ms));
-        data.frames += 1;
         for (sum, bytes) in data.frame_bytes.iter_mut().zip(&frame.frame_bytes) {
             *sum += u64::from(*bytes);
         }
     }
 
     /// All of it.
-    pub fn summary(&self, scene: &str, wall: &Wall, package: &Package, report: &ShowReport) -> Summary {
+    pub fn summary(&self, scene: &str, wall: &Wall, report: &ShowReport) -> Summary {
         let data = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let package = &data.package;
         let leaves = &package.scene.manifest.leaves;
         let triangles = |leaf: u32| u64::from(leaves[leaf as usize].triangle_count);
         let tiles = wall.tiles().iter().enumerate().map(|(index, tile)| {
             let views = wall.views().iter().enumerate().filter(|(_, v)| usize::from(v.tile.0) == index).map(|(i, _)| i);
             let node = wall.nodes().iter().position(|n| n.tiles.iter().any(|t| usize::from(t.0) == index));
-            let all = leaves.len() as u64 * data.frames * views.clone().count() as u64;
+            let all = data.leaves * views.clone().count() as u64;
             let seen: u64 = views.clone().map(|v| data.leaves_seen[v]).sum();
             TileSummary {
                 tile: tile.name.clone(),

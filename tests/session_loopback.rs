@@ -56,6 +56,10 @@ impl Painter for Recorder {
         Ok(())
     }
 
+    fn grow_scene(&mut self, _: &Arc<SceneManifest>) -> Result<(), PaintError> {
+        panic!("this scene does not grow")
+    }
+
     fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
         assert_eq!(bytes, self.package.chunk(chunk));
         assert!(self.uploaded.insert(chunk.0), "a chunk is uploaded once");

@@ -500,6 +500,7 @@ impl Sim {
                 n.scene = Some(manifest);
                 n.uploaded.clear();
             }
+            Action::GrowScene(_) => panic!("this scene does not grow"),
             Action::Upload { chunk, bytes } => {
                 assert_eq!(bytes, self.package.chunk(chunk));
                 assert!(n.uploaded.insert(chunk.0), "a chunk is uploaded once");

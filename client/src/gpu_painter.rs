@@ -101,6 +101,13 @@ impl Painter for GpuPainter {
         Ok(())
     }
 
+    fn grow_scene(&mut self, manifest: &Arc<SceneManifest>) -> Result<(), PaintError> {
+        let scene = self.scene()?;
+        scene.renderer.grow(Arc::clone(manifest)).map_err(failed)?;
+        scene.manifest = Arc::clone(manifest);
+        Ok(())
+    }
+
     fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
         // A chunk that cannot be read costs its own leaves, not the tile: it is left out, or drawn as a checker.
         Ok(self.scene()?.renderer.upload(chunk, bytes).unwrap_or_else(|error| {

@@ -34,6 +34,11 @@ pub trait Painter {
     /// # Errors
     /// See [`PaintError`].
     fn open_scene(&mut self, manifest: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError>;
+    /// The scene has more objects, leaves, materials and chunks, behind those that it had: what was taken and told stays.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn grow_scene(&mut self, manifest: &Arc<SceneManifest>) -> Result<(), PaintError>;
     /// Take a chunk's bytes, which bear the chunk's hash. Gives how many bytes it takes now.
     ///
     /// # Errors
@@ -289,6 +294,7 @@ impl Easel<'_> {
                     }
                 }
                 Action::OpenScene(manifest, views) => self.painter.open_scene(&manifest, &views)?,
+                Action::GrowScene(manifest) => self.painter.grow_scene(&manifest)?,
                 Action::Upload { chunk, bytes } => {
                     let taken = self.painter.upload(chunk, &bytes)?;
                     self.session.uploaded(chunk, taken);

@@ -4,6 +4,9 @@
 //! which chunks are asked for. Another round begins when the queue is used up, or when the aim has moved. Where there is nothing left to
 //! ask for, or no room, nothing is looked at until a chunk is evicted.
 
+use std::collections::HashSet;
+use std::ops::Range;
+
 use glam::{DAffine3, DVec3};
 use mullion_common::scene::{ChunkId, ChunkKind, ChunkRecord, SceneManifest, Transform};
 use mullion_common::wire::ViewSpec;
@@ -150,6 +153,12 @@ impl Prefetch {
         Self { asked_in: vec![0; chunk_count], queue: Vec::new(), aim: None, round: None, found: Vec::new(), rest: None }
     }
 
+    /// The scene has so many chunks now, and more leaves.
+    pub fn grow(&mut self, chunk_count: usize) {
+        self.asked_in.resize(chunk_count, 0);
+        self.rest = None;
+    }
+
     /// Whether [`Prefetch::look`] may have something to do; a node at rest need not even find its aim.
     pub fn is_looking(&self, residency: &Residency) -> bool {
         self.rest.is_none() && residency.resident_bytes() < share_of(residency.cap_bytes())
@@ -259,8 +268,27 @@ impl Prefetch {
     }
 }
 
+/// Adds to `out` the chunks that lack of those leaves that an aim holds, each once, the nearest leaves' first, as far as there is room.
+pub(crate) fn seen_of(leaves: Range<u32>, aim: &Aim, known: Known<'_>, out: &mut Vec<ChunkId>) {
+    let Known { manifest, residency, .. } = known;
+    let mut seen: Vec<Candidate> = leaves.map(|leaf| candidate(leaf, aim, known)).filter(|c| c.is_ahead).collect();
+    seen.sort_unstable_by(Candidate::order);
+    let mut listed: HashSet<ChunkId> = out.iter().copied().collect();
+    let mut taken = residency.resident_bytes();
+    for chunk in seen.iter().flat_map(|candidate| chunks_of(manifest, candidate.leaf)).flatten() {
+        if residency.is_resident(chunk) || !listed.insert(chunk) {
+            continue;
+        }
+        taken += room_of(&manifest.chunks[chunk.0 as usize]);
+        if taken > share_of(residency.cap_bytes()) {
+            return;
+        }
+        out.push(chunk);
+    }
+}
+
 /// What a chunk may take on the GPU, bytes: its blob tells only roughly.
-fn room_of(record: &ChunkRecord) -> u64 {
+pub(crate) fn room_of(record: &ChunkRecord) -> u64 {
     let grows = if record.kind() == Some(ChunkKind::Texture) { TEXTURE_GROWS } else { GEOMETRY_GROWS };
     u64::from(record.length) * grows
 }

@@ -167,8 +167,8 @@ impl<F: FnMut(Step<'_>)> Node<F> {
                     return Err(End::Lost(bye.to_string()));
                 }
                 // Of the scene, nothing is fetched.
-                Action::Fetch(_) | Action::OpenScene(..) | Action::Upload { .. } | Action::Evict(_) | Action::SetTransform(_) => {
-                }
+                Action::Fetch(_) | Action::OpenScene(..) | Action::GrowScene(_) => {}
+                Action::Upload { .. } | Action::Evict(_) | Action::SetTransform(_) => {}
             }
         }
         Ok(())

@@ -35,6 +35,11 @@ impl Residency {
         Self { entries: vec![Entry::default(); chunk_count], cap_bytes, resident_bytes: 0, frame: 0, lacking: Vec::new() }
     }
 
+    /// The scene has so many chunks now; what is known of the first ones stays.
+    pub fn grow(&mut self, chunk_count: usize) {
+        self.entries.resize(chunk_count, Entry::default());
+    }
+
     /// Starts a frame that draws these sets, and finds the chunks that it lacks, each once, those needed most in front:
     /// leaves by their distance from `eye` (world space, metres), of each leaf the geometry, then the texture.
     ///

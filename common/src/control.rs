@@ -33,6 +33,8 @@ pub enum Command {
     Remove(ObjectNumber),
     /// Brings an object of the scene and all below it back.
     Add(ObjectNumber),
+    /// Adds a package of the master's library to the scene. Stands alone in its request.
+    Insert(Insert),
     /// Holds the scene's time and the camera's path. Frames go on.
     Pause,
     /// Lets them go on.
@@ -81,6 +83,36 @@ pub struct MoveObject {
 pub struct ObjectNumber {
     /// Its number in the scene.
     pub object: u32,
+}
+
+/// A package to be added to the scene, and where.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Insert {
+    /// The name of its file in the library.
+    pub package: String,
+    /// The object that it becomes part of; left out: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub under: Option<u32>,
+    /// Where the package's world is in the scene's: three columns, then the translation in metres; each within ±1e15.
+    pub transform: [f64; 12],
+}
+
+/// An insertion that was done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Inserted {
+    /// The frame from which it is seen.
+    pub frame: u64,
+    /// The objects that it brought. The first stands above all others.
+    pub objects: ObjectRange,
+}
+
+/// Objects with numbers that follow on one another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[allow(missing_docs)]
+pub struct ObjectRange {
+    pub first: u32,
+    pub count: u32,
 }
 
 /// How far a show goes on before it holds.
@@ -167,6 +199,8 @@ pub enum Event {
 pub enum Answer {
     /// The frame from which the commands hold.
     Frame(u64),
+    /// To [`Ask::Commands`] with an insertion.
+    Inserted(Inserted),
     /// To [`Ask::Why`].
     Why(Why),
     /// To [`Ask::Tiles`].

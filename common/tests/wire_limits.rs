@@ -36,7 +36,7 @@ fn caps_are_those_that_are_written_down() {
     assert_eq!((MAX_OPENING_BYTES, MAX_TO_MASTER_BYTES, MAX_TO_TILE_BYTES), (1024, 4096, 67_108_864));
     assert_eq!((MAX_CHUNK_REQUEST_BYTES, MAX_PIECE_BYTES, MAX_CHUNK_REPLY_BYTES), (16_384, 262_144, 262_208));
     assert_eq!((MAX_NAME_BYTES, MAX_CREDENTIALS_BYTES, MAX_CACHED, MAX_REASON_BYTES), (64, 512, 8, 512));
-    assert_eq!((MAX_VIEWS, MAX_WALL_VIEWS, MAX_SECTIONS, MAX_WANTED), (2048, 65_536, 16, 256));
+    assert_eq!((MAX_VIEWS, MAX_WALL_VIEWS, MAX_PARTS, MAX_SECTIONS, MAX_WANTED), (2048, 65_536, 1024, 4096, 256));
     assert_eq!((MAX_TILE_SECTION_BYTES, BASE_WINDOW), (1_073_741_824, 8));
     assert_eq!((OPENING_LIMIT.as_secs(), SILENCE_LIMIT.as_secs(), ALIVE_EVERY.as_secs()), (5, 10, 1));
 }
@@ -141,7 +141,7 @@ fn a_manifest_keeps_to_its_caps() {
         answer
     };
     let many = answer(vec![section(1); MAX_SECTIONS + 1]);
-    assert_eq!(many, Err(WireError::Limit { what: "sections", value: 17, cap: 16 }));
+    assert_eq!(many, Err(WireError::Limit { what: "sections", value: 4097, cap: 4096 }));
     let large = answer(vec![section(1), section(MAX_TILE_SECTION_BYTES + 1)]);
     assert_eq!(large, Err(WireError::Limit { what: "bytes of a section", value: 1_073_741_825, cap: 1_073_741_824 }));
 }

@@ -3,6 +3,7 @@ pub mod control;
 pub mod cull;
 pub mod enroll;
 pub mod generate;
+pub mod library;
 pub mod master;
 pub mod metrics;
 pub mod prepare;

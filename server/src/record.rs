@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 
 use glam::{DAffine3, DVec3};
-use mullion_common::scene::{ChunkHash, ObjectId, Package, PackageError, SectionKind};
+use mullion_common::scene::{ChunkHash, ObjectId, Package, PackageError};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
 use mullion_common::wire::codec::{self, CodecError};
@@ -20,19 +20,20 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::control::MAX_QUEUED;
-use crate::service::Pose;
+use crate::library::content_hash;
+use crate::service::{Insertion, Pose};
 use crate::tree::Presence;
 
 const MAGIC: [u8; 8] = *b"MULLREC\x01";
 /// Version of the file. A reader takes only its own.
-pub const RECORD_VERSION: u32 = 1;
+pub const RECORD_VERSION: u32 = 2;
 /// Most bytes of a record.
 const MAX_RECORD_BYTES: usize = 64 << 20;
 /// Most bytes of a header: two hashes and two names.
 const MAX_HEADER_BYTES: usize = 16 << 10;
 /// Bytes of an object and its transform.
 const MOVE_BYTES: usize = 100;
-const _: () = assert!(MAX_QUEUED * MOVE_BYTES + MAX_VIEWS * 64 + 1024 <= MAX_RECORD_BYTES, "a frame of a full queue fits");
+const _: () = assert!(MAX_QUEUED * MOVE_BYTES + MAX_VIEWS * 64 + 2048 <= MAX_RECORD_BYTES, "a frame of a full queue fits");
 /// Frames that wait for the disk; beyond, recording stops.
 const MAX_WAITING: usize = 64;
 
@@ -69,8 +70,10 @@ pub enum Ending {
 pub struct RecordedFrame {
     /// Its number.
     pub number: u64,
-    /// All that came in.
+    /// All that came in, but for the scene that was offered.
     pub pose: Pose,
+    /// What was inserted into that.
+    pub insertion: Option<Insertion>,
     /// Digest of each view's set, by `ViewId`.
     pub digests: Vec<u64>,
 }
@@ -85,6 +88,8 @@ struct Frame {
     moved: codec::List<(u32, [f64; 12])>,
     presence: codec::List<(ObjectId, Presence)>,
     budgets: codec::List<Budget>,
+    insertion: Option<Insertion>,
+    grows: bool,
     digests: codec::List<u64>,
 }
 
@@ -114,11 +119,6 @@ impl Header {
     /// # Errors
     /// When the scene has sections that cannot be written: never, for a checked one.
     pub fn of(wall: &Wall, package: &Package, algorithm: &str, rate_hz: f64, path: &str) -> Result<Self, RecordError> {
-        use SectionKind as K;
-        let mut scene = Vec::new();
-        for kind in [K::Hierarchy, K::Objects, K::Transforms, K::Leaves, K::Materials, K::Chunks] {
-            scene.extend_from_slice(&ChunkHash::of(&package.scene.section_bytes(kind)?).0);
-        }
         let mut room: Vec<u8> = wall.near_m().to_le_bytes().to_vec();
         let mut put = |numbers: &[DVec3]| numbers.iter().for_each(|n| room.extend_from_slice(bytemuck::bytes_of(&n.to_array())));
         wall.tiles().iter().for_each(|tile| put(&tile.corners));
@@ -128,7 +128,7 @@ impl Header {
             codec::encode_into(view, &mut room)?;
         }
         Ok(Self {
-            scene: ChunkHash::of(&scene).0,
+            scene: content_hash(package)?.0,
             wall: ChunkHash::of(&room).0,
             algorithm: algorithm.to_owned(),
             rate_hz,
@@ -217,6 +217,8 @@ impl Recorder {
             moved: codec::List(pose.moved.iter().map(|m| (m.object.0, m.transform.affine().to_cols_array())).collect()),
             presence: codec::List(pose.presence.clone()),
             budgets: codec::List(pose.budgets.clone()),
+            insertion: pose.offer.as_ref().map(|offer| offer.insertion().clone()),
+            grows: pose.grows,
             digests: codec::List(sets.iter().map(VisibleSet::digest).collect()),
         };
         let problem = match framed(&mut bytes, FRAME, &frame) {
@@ -320,8 +322,10 @@ impl<R: Read> Reader<R> {
                     moved: moved.collect(),
                     presence: frame.presence.0,
                     budgets: frame.budgets.0,
+                    offer: None,
+                    grows: frame.grows,
                 };
-                Ok(Some(RecordedFrame { number: frame.number, pose, digests: frame.digests.0 }))
+                Ok(Some(RecordedFrame { number: frame.number, pose, insertion: frame.insertion, digests: frame.digests.0 }))
             }
             END => {
                 self.ending = Some(codec::decode::<Ending, 16>(&bytes).map_err(|e| malformed(e.to_string()))?);

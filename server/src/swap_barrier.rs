@@ -96,13 +96,21 @@ impl SwapBarrier {
     /// The node has connected.
     pub fn join(&mut self, node: NodeIndex) {
         let member = self.member(node);
-        *member = Member { standing: Standing::Trying, ready: None, in_time_in_a_row: 0, ..*member };
+        (member.standing, member.ready, member.in_time_in_a_row) = (Standing::Trying, None, 0);
     }
 
     /// The node has gone: nothing waits for it any more.
     pub fn leave(&mut self, node: NodeIndex) {
         let member = self.member(node);
-        *member = Member { standing: Standing::Absent, ready: None, in_time_in_a_row: 0, ..*member };
+        (member.standing, member.ready) = (Standing::Absent, None);
+    }
+
+    /// The node cannot draw what comes, and is not to blame: nothing waits for it until it has been in time again.
+    pub fn hold_back(&mut self, node: NodeIndex) {
+        let member = self.member(node);
+        if member.standing == Standing::Live {
+            (member.standing, member.in_time_in_a_row) = (Standing::Trying, 0);
+        }
     }
 
     /// What a node is now.
@@ -336,6 +344,89 @@ mod tests {
         barrier.leave(B);
         assert!(barrier.poll(ms(1001)).is_some_and(|r| r.passed_over.is_empty()));
         assert_eq!(barrier.ready(A, 2, ms(1002)), None, "frame 2 has not begun");
+    }
+
+    #[test]
+    fn who_is_ready_is_so_with_the_newest_frame_and_while_it_is_there() {
+        let mut barrier = barrier(vec![]);
+        barrier.join(B);
+        assert!(!barrier.is_ready(B), "nothing has begun");
+        barrier.begin(0, ms(0));
+        barrier.ready(B, 0, ms(1));
+        assert!(barrier.is_ready(B));
+        barrier.leave(B);
+        assert!(!barrier.is_ready(B));
+        barrier.join(B);
+        barrier.ready(B, 0, ms(2));
+        barrier.join(B); // by another connection, before the first was seen to end
+        assert!(!barrier.is_ready(B));
+        barrier.ready(B, 0, ms(3));
+        barrier.begin(1, ms(4));
+        assert!(!barrier.is_ready(B), "that was another frame");
+    }
+
+    /// B has missed two frames and must be in time with two in a row; frame 4 has begun.
+    fn on_probation() -> SwapBarrier {
+        let mut barrier = running();
+        for frame in 1..=3 {
+            let start = 1000 * frame;
+            if frame > 1 {
+                barrier.begin(frame, ms(start));
+            }
+            barrier.ready(A, frame, ms(start));
+            let release = barrier.poll(ms(start + WAIT_MS)).unwrap();
+            assert_eq!(release.passed_over.is_empty(), frame == 2);
+            if frame == 2 {
+                barrier.ready(B, frame, ms(start + WAIT_MS));
+                assert_eq!(barrier.standing(B), Standing::Live, "one frame in time, and within the wait");
+            }
+        }
+        barrier.begin(4, ms(4000));
+        barrier
+    }
+
+    #[test]
+    fn a_frame_counts_once_however_often_it_is_acknowledged() {
+        let mut barrier = on_probation();
+        for _ in 0..3 {
+            assert_eq!(barrier.ready(B, 4, ms(4001)), Some(ShowNow::No));
+            assert_eq!(barrier.standing(B), Standing::Trying);
+        }
+        barrier.begin(5, ms(4020));
+        barrier.ready(B, 5, ms(4021));
+        assert_eq!(barrier.standing(B), Standing::Live);
+    }
+
+    #[test]
+    fn who_comes_back_proves_itself_anew_and_who_is_gone_proves_nothing() {
+        let mut barrier = on_probation();
+        barrier.ready(B, 4, ms(4001));
+        barrier.join(B);
+        barrier.begin(5, ms(4020));
+        barrier.ready(B, 5, ms(4021));
+        assert_eq!(barrier.standing(B), Standing::Trying, "what it did before it came back does not count");
+        barrier.leave(B);
+        barrier.begin(6, ms(4040));
+        assert_eq!(barrier.ready(B, 6, ms(4041)), Some(ShowNow::No));
+        assert!(!barrier.is_ready(B));
+        assert_eq!(barrier.standing(B), Standing::Absent);
+    }
+
+    #[test]
+    fn who_becomes_live_is_waited_for_from_the_next_frame_on() {
+        let mut barrier = running();
+        barrier.leave(B);
+        barrier.join(B);
+        barrier.ready(A, 1, ms(1001));
+        assert!(barrier.poll(ms(1001)).is_some());
+        barrier.begin(2, ms(1002));
+        barrier.ready(B, 1, ms(1003)); // in time, but another frame runs by now
+        assert_eq!(barrier.standing(B), Standing::Live);
+        barrier.ready(A, 2, ms(1004));
+        assert_eq!(barrier.poll(ms(1004)).unwrap().passed_over, [], "nobody waits for B yet");
+        barrier.begin(3, ms(1010));
+        barrier.ready(A, 3, ms(1011));
+        assert_eq!(barrier.poll(ms(1012)), None, "now they do");
     }
 
     #[test]

@@ -102,7 +102,7 @@ pub fn run(options: &Options) -> Result<()> {
     let gpu = Gpu::open(GpuOptions { display: display.as_ref().map(Display::handle) })?;
     say!("{} tiles on {}", wall.tiles().len(), gpu.describe());
 
-    let record = Record::new(&wall);
+    let record = Record::new(&wall, &package);
     let (stop, stopped) = watch::channel(false);
     let listener = TcpListener::bind(("127.0.0.1", 0)).context("cannot listen on the loopback")?;
     let address = listener.local_addr()?.to_string();
@@ -138,7 +138,7 @@ pub fn run(options: &Options) -> Result<()> {
             finisher.join().map_err(|_| anyhow!("the show's thread ended unexpectedly"))??
         }
     };
-    let summary = record.summary(&options.scene, &wall, &package, &show_report);
+    let summary = record.summary(&options.scene, &wall, &show_report);
     let mut pictures = Vec::new();
     for (painter, result) in outcomes {
         result?;

@@ -6,10 +6,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, anyhow, ensure};
+use glam::DAffine3;
+use mullion_common::scene::Package;
 use mullion_common::visible_set::VisibleSet;
 use mullion_server::control::LiveScene;
 use mullion_server::cull::Algorithm;
+use mullion_server::library::{Library, content_hash};
 use mullion_server::record::{Ending, Header, Reader};
+use mullion_server::service::{Insertion, Offer};
 
 use super::prepare::HowToPrepare;
 use crate::files::{open_scene, open_wall};
@@ -26,6 +30,9 @@ pub struct Options {
     /// The scene that was served.
     #[arg(long)]
     scene: PathBuf,
+    /// The folder of packages that were inserted.
+    #[arg(long, value_name = "DIR")]
+    library: Option<PathBuf>,
     #[command(flatten)]
     how: HowToPrepare,
 }
@@ -37,15 +44,29 @@ pub fn run(options: &Options) -> Result<()> {
     let mut reader = Reader::open(BufReader::new(file)).with_context(|| shown.clone())?;
     let algorithm: Algorithm = reader.header().algorithm.parse().map_err(|e: String| anyhow!("{shown}: {e}"))?;
     let wall = Arc::new(open_wall(&options.wall)?);
-    let package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
+    let library = options
+        .library
+        .as_deref()
+        .map(|folder| Library::open(folder).with_context(|| format!("--library: {}", folder.display())));
+    let library = library.transpose()?;
+    let mut package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
     let same = Header::of(&wall, &package, algorithm.name(), 0.0, "")?;
     reader.header().check_same(&same).map_err(|e| anyhow!("{shown}: {e}"))?;
     let mut scene = LiveScene::new(algorithm, &wall, &package);
-    let (views, objects) = (wall.views().len(), package.scene.objects.len());
+    let views = wall.views().len();
     let mut sets = vec![VisibleSet::default(); views];
     let mut frames = 0u64;
-    while let Some(frame) = reader.next_frame().with_context(|| shown.clone())? {
+    let mut objects = package.scene.objects.len();
+    while let Some(mut frame) = reader.next_frame().with_context(|| shown.clone())? {
         let number = frame.number;
+        if let Some(insertion) = &frame.insertion {
+            let offer = offer(&package, insertion, library.as_ref()).with_context(|| format!("{shown}: frame {number}"))?;
+            package = Arc::clone(offer.package());
+            frame.pose.offer = Some(Arc::new(offer));
+        }
+        if frame.pose.grows {
+            objects = package.scene.objects.len();
+        }
         frame.pose.check(views, objects).map_err(|e| anyhow!("{shown}: frame {number}: {e}"))?;
         ensure!(frame.digests.len() == views, "{shown}: frame {number}: digests of {} views, not {views}", frame.digests.len());
         scene.cull(&frame.pose, &mut sets);
@@ -66,4 +87,14 @@ pub fn run(options: &Options) -> Result<()> {
     };
     say!("{frames} frames of {views} views: the same sets, bit for bit, {ending}");
     Ok(())
+}
+
+/// The scene that an insertion made.
+fn offer(base: &Package, insertion: &Insertion, library: Option<&Library>) -> Result<Offer> {
+    let Insertion { package, hash, under, world_from_root } = insertion;
+    let library = library.ok_or_else(|| anyhow!("package {package:?} was inserted: name its folder with --library"))?;
+    let added = library.read(package)?;
+    ensure!(content_hash(&added)? == *hash, "package {package:?} is another one than was inserted");
+    let (offer, _) = Offer::new(base, &added, package, *under, DAffine3::from_cols_array(world_from_root))?;
+    Ok(offer)
 }

@@ -148,7 +148,7 @@ pub fn run(options: &Options) -> Result<()> {
         locked(&of_nodes).note_node(event);
     };
     let node_names: Vec<String> = wall.nodes().iter().map(|n| n.name.clone()).collect();
-    let record = Record::new(&wall);
+    let record = Record::new(&wall, &package);
     let noted = record.clone();
     let total = options.frames;
     let of_total = total.map_or_else(String::new, |total| format!(" of {total}"));
@@ -189,7 +189,7 @@ pub fn run(options: &Options) -> Result<()> {
         },
     )?;
     drop(steered.server);
-    let summary = record.summary(&options.scene.display().to_string(), &wall, &package, &report);
+    let summary = record.summary(&options.scene.display().to_string(), &wall, &report);
     summary.print();
     options.report.as_ref().map_or(Ok(()), |path| write_json(&summary, path))
 }

@@ -13,6 +13,7 @@ use mullion_common::wall::Wall;
 use mullion_server::control::http::{self, Reach, Server};
 use mullion_server::control::{self, Board, Driver, LiveScene};
 use mullion_server::cull::Algorithm;
+use mullion_server::library::Library;
 use mullion_server::metrics::MetricsReader;
 use mullion_server::record::{Header, Recorder};
 use mullion_server::service::{Camera, Cull, Succession};
@@ -29,6 +30,9 @@ pub struct Steering {
     /// Let --control be an address that other machines reach. Whoever reaches it steers the wall: keep it on a network of its own.
     #[arg(long, requires = "control")]
     control_from_network: bool,
+    /// Let packages of this folder, as `mullion prepare` writes them, be inserted into the running show.
+    #[arg(long, value_name = "DIR", requires = "control")]
+    library: Option<PathBuf>,
     /// Write down all that comes in, for `mullion replay`.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -53,6 +57,9 @@ impl Steering {
                 "--control: other machines reach {address}, and whoever reaches it steers the wall; add --control-from-network to allow that"
             );
         }
+        if let Some(folder) = &self.library {
+            Library::open(folder).with_context(|| format!("--library: {}", folder.display()))?;
+        }
         Ok(())
     }
 
@@ -66,7 +73,12 @@ impl Steering {
         package: &Arc<Package>,
         metrics: MetricsReader,
     ) -> Result<Steered> {
-        let (inlet, batches, questions) = control::channel(wall, package);
+        let (mut inlet, batches, questions) = control::channel(wall, package);
+        if let Some(folder) = &self.library {
+            let named = || format!("--library: {}", folder.display());
+            let library = Library::open(folder).with_context(named)?;
+            inlet = inlet.inserting_from(library).with_context(named)?;
+        }
         let mut driver = Driver::new(Arc::clone(wall), path, batches);
         let board = Arc::new(Board::new(wall, driver.clock()));
         let mut scene = LiveScene::new(algorithm, wall, package).answering(questions);

@@ -30,6 +30,10 @@ impl<W: Witness> Painter for Blank<W> {
         Ok(())
     }
 
+    fn grow_scene(&mut self, _: &Arc<SceneManifest>) -> Result<(), PaintError> {
+        panic!("this scene does not grow")
+    }
+
     fn upload(&mut self, _: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
         Ok(bytes.len() as u64)
     }

@@ -15,8 +15,8 @@ use std::time::Duration;
 
 use mullion_common::control::{Answer, Ask, Event, MAX_REQUEST_BYTES, Request, encode_moves};
 pub use mullion_common::control::{
-    CameraAt, Command, LeafWhy, MAX_COMMANDS, MAX_MOVES, MoveObject, NodeStanding, NodeStatus, ObjectKey, ObjectNumber, Question,
-    Reason, SeenBy, Side, Status, Steps, TileBudget, Why,
+    CameraAt, Command, Insert, Inserted, LeafWhy, MAX_COMMANDS, MAX_MOVES, MoveObject, NodeStanding, NodeStatus, ObjectKey,
+    ObjectNumber, ObjectRange, Question, Reason, SeenBy, Side, Status, Steps, TileBudget, Why,
 };
 pub use mullion_common::scene::{ObjectId, Transform};
 pub use mullion_common::wire::Moved;
@@ -88,6 +88,17 @@ impl Control {
     pub fn send(&mut self, commands: &[Command]) -> Result<u64, Error> {
         match self.ask(Ask::Commands(commands.to_vec()))? {
             Answer::Frame(frame) => Ok(frame),
+            other => Err(Error::Malformed(format!("{other:?}"))),
+        }
+    }
+
+    /// Adds a package of the master's library to the scene, and waits until it is seen. That takes many frames, which go on meanwhile.
+    ///
+    /// # Errors
+    /// When it cannot be done, or the connection is lost.
+    pub fn insert(&mut self, insert: &Insert) -> Result<Inserted, Error> {
+        match self.ask(Ask::Commands(vec![Command::Insert(insert.clone())]))? {
+            Answer::Inserted(inserted) => Ok(inserted),
             other => Err(Error::Malformed(format!("{other:?}"))),
         }
     }

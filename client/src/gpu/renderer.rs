@@ -82,6 +82,23 @@ impl Renderer {
         })
     }
 
+    /// Takes a scene that has more objects, leaves, materials and chunks behind those of the one that is here. What is resident stays, and
+    /// so do objects that moved.
+    ///
+    /// # Errors
+    /// When the GPU fails.
+    pub fn grow(&mut self, manifest: Arc<SceneManifest>) -> Result<(), GpuError> {
+        let added = &manifest.transforms[self.transforms.len().min(manifest.transforms.len())..];
+        self.transforms.extend_from_slice(added);
+        self.mirrored.extend(added.iter().map(Transform::is_mirrored));
+        self.recorded.resize(manifest.transforms.len(), (0, 0));
+        self.geometry.resize(manifest.chunks.len(), None);
+        self.materials.grow(&self.gpu, &manifest);
+        self.targets.iter_mut().for_each(Target::unbind);
+        self.manifest = manifest;
+        self.gpu.check()
+    }
+
     /// Decodes a chunk and makes it resident. Returns the bytes that it takes on the GPU. A chunk that is resident
     /// is not read again.
     ///

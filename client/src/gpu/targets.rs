@@ -121,6 +121,11 @@ impl Target {
         self.bindings = Some((generation, gpu.device.create_bind_group(&descriptor)));
     }
 
+    /// Forgets the buffers that were bound: there are others.
+    pub fn unbind(&mut self) {
+        self.bindings = None;
+    }
+
     /// Queues a copy of what was drawn to what is shown.
     pub fn show(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) -> Shown {
         use wgpu::TextureUsages as Use;

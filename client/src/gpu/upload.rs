@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use bytemuck::{Pod, Zeroable};
-use mullion_common::scene::{AlphaMode, ChunkError, ChunkId, Filter, GeometryChunk, SceneManifest, TextureRef, Wrap};
+use mullion_common::scene::{AlphaMode, ChunkError, ChunkId, Filter, GeometryChunk, Material, SceneManifest, TextureRef, Wrap};
 use thiserror::Error;
 
 use super::arena::{Arena, Slot, Vertex};
@@ -53,49 +53,62 @@ pub(super) struct Materials {
     /// For each distinct use of a texture; the first is of no texture.
     pub bindings: Vec<wgpu::BindGroup>,
     uses: Vec<TextureRef>,
+    /// Of each use, its binding.
+    numbers: HashMap<(ChunkId, Wrap, Wrap, Filter), u32>,
     layout: wgpu::BindGroupLayout,
     white: wgpu::TextureView,
     checker: wgpu::TextureView,
-    /// Bytes of each resident texture.
-    resident: HashMap<ChunkId, u64>,
+    resident: HashMap<ChunkId, ResidentTexture>,
+}
+
+struct ResidentTexture {
+    view: wgpu::TextureView,
+    bytes: u64,
 }
 
 impl Materials {
     pub fn new(gpu: &Gpu, manifest: &SceneManifest, layout: &wgpu::BindGroupLayout) -> Self {
-        let mut uses: Vec<TextureRef> = Vec::new();
-        let mut numbers = HashMap::new();
-        let mut number = |texture: TextureRef| {
-            *numbers.entry((texture.chunk, texture.wrap_u, texture.wrap_v, texture.filter)).or_insert_with(|| {
-                uses.push(texture);
-                uses.len() as u32
-            })
-        };
-        let states = (manifest.materials.iter())
-            .map(|material| MaterialState {
-                coverage: Coverage::of(material),
-                double_sided: material.double_sided,
-                texture: material.texture.map_or(0, &mut number),
-            })
-            .collect();
-        let mut records: Vec<MaterialRecord> = Vec::with_capacity(manifest.materials.len().max(1));
-        records.extend(manifest.materials.iter().map(|material| {
-            let alpha_cutoff = if let AlphaMode::Mask { cutoff } = material.alpha { cutoff } else { 0.0 };
-            MaterialRecord { base_color: material.base_color, alpha_cutoff, unused: [0.0; 3] }
-        }));
-        records.resize(records.len().max(1), MaterialRecord::zeroed());
-        let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("materials"),
-            size: size_of_val(records.as_slice()) as u64,
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&records));
         let (white, _) = textures::create(gpu, textures::white());
         let (checker, _) = textures::create(gpu, textures::checker());
         let no_texture = gpu.device.create_sampler(&wgpu::SamplerDescriptor::default());
-        let mut bindings = vec![bind_texture(&gpu.device, layout, &white, &no_texture)];
-        bindings.extend(uses.iter().map(|&texture| bind_texture(&gpu.device, layout, &white, &sampler(gpu, texture))));
-        Self { buffer, states, bindings, uses, layout: layout.clone(), white, checker, resident: HashMap::new() }
+        let mut materials = Self {
+            buffer: buffer_of(gpu, manifest),
+            states: Vec::new(),
+            bindings: vec![bind_texture(&gpu.device, layout, &white, &no_texture)],
+            uses: Vec::new(),
+            numbers: HashMap::new(),
+            layout: layout.clone(),
+            white,
+            checker,
+            resident: HashMap::new(),
+        };
+        materials.add(gpu, &manifest.materials);
+        materials
+    }
+
+    /// Takes the materials of a scene that has more of them, behind those that are here.
+    pub fn grow(&mut self, gpu: &Gpu, manifest: &SceneManifest) {
+        self.buffer = buffer_of(gpu, manifest);
+        self.add(gpu, &manifest.materials[self.states.len().min(manifest.materials.len())..]);
+    }
+
+    fn add(&mut self, gpu: &Gpu, materials: &[Material]) {
+        for material in materials {
+            let texture = material.texture.map_or(0, |texture| self.number(gpu, texture));
+            self.states.push(MaterialState { coverage: Coverage::of(material), double_sided: material.double_sided, texture });
+        }
+    }
+
+    /// The number of a use among the bindings, added where it is new.
+    fn number(&mut self, gpu: &Gpu, texture: TextureRef) -> u32 {
+        let next = self.bindings.len() as u32;
+        let number = *self.numbers.entry((texture.chunk, texture.wrap_u, texture.wrap_v, texture.filter)).or_insert(next);
+        if number == next {
+            let view = self.resident.get(&texture.chunk).map_or(&self.white, |resident| &resident.view);
+            self.bindings.push(bind_texture(&gpu.device, &self.layout, view, &sampler(gpu, texture)));
+            self.uses.push(texture);
+        }
+        number
     }
 
     pub fn is_resident(&self, chunk: ChunkId) -> bool {
@@ -105,8 +118,8 @@ impl Materials {
     /// Decodes and takes a texture. An image that cannot be read is resident too, as a checker: it will not get
     /// better by being sent again.
     pub fn insert(&mut self, gpu: &Gpu, chunk: ChunkId, bytes: &[u8]) -> Result<u64, UploadError> {
-        if let Some(&bytes) = self.resident.get(&chunk) {
-            return Ok(bytes);
+        if let Some(resident) = self.resident.get(&chunk) {
+            return Ok(resident.bytes);
         }
         let decoded = textures::decode(bytes);
         let (view, bytes) = match decoded {
@@ -114,12 +127,12 @@ impl Materials {
             Err(problem) => {
                 let checker = self.checker.clone();
                 self.bind(gpu, chunk, &checker);
-                self.resident.insert(chunk, 0);
+                self.resident.insert(chunk, ResidentTexture { view: checker, bytes: 0 });
                 return Err(UploadError::Image(problem));
             }
         };
         self.bind(gpu, chunk, &view);
-        self.resident.insert(chunk, bytes);
+        self.resident.insert(chunk, ResidentTexture { view, bytes });
         Ok(bytes)
     }
 
@@ -135,6 +148,24 @@ impl Materials {
             *binding = bind_texture(&gpu.device, &self.layout, view, &sampler(gpu, *texture));
         }
     }
+}
+
+/// What the fragment shader knows of all materials.
+fn buffer_of(gpu: &Gpu, manifest: &SceneManifest) -> wgpu::Buffer {
+    let mut records: Vec<MaterialRecord> = Vec::with_capacity(manifest.materials.len().max(1));
+    records.extend(manifest.materials.iter().map(|material| {
+        let alpha_cutoff = if let AlphaMode::Mask { cutoff } = material.alpha { cutoff } else { 0.0 };
+        MaterialRecord { base_color: material.base_color, alpha_cutoff, unused: [0.0; 3] }
+    }));
+    records.resize(records.len().max(1), MaterialRecord::zeroed());
+    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("materials"),
+        size: size_of_val(records.as_slice()) as u64,
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&records));
+    buffer
 }
 
 fn sampler(gpu: &Gpu, texture: TextureRef) -> wgpu::Sampler {

@@ -10,17 +10,18 @@
 mod assembly;
 mod on_the_way;
 mod planning;
+mod scene;
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
-use mullion_common::scene::{ChunkHash, ChunkId, ObjectId, SceneManifest, SectionKind, Transform};
+use mullion_common::scene::{ChunkHash, ChunkId, ObjectId, PackageError, SceneManifest, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::{
-    BASE_WINDOW, Budget, Bye, ByeCode, Frame, Hello, MAX_WANTED, Manifest, Moved, Part, SectionRef, Shown, Stats, ToMaster,
-    ToTile, ViewSpec, Welcome,
+    BASE_WINDOW, Budget, Bye, ByeCode, Frame, Hello, MAX_PARTS, MAX_WANTED, Manifest, Moved, Part, SectionRef, Shown, Stats,
+    ToMaster, ToTile, ViewSpec, Welcome,
 };
 
 use crate::missing::WhenMissing;
@@ -29,8 +30,9 @@ use crate::prefetch::{PREFETCH_WINDOW, Prefetch};
 use crate::residency::Residency;
 
 pub use assembly::{Assembly, PieceError};
-use on_the_way::{OnTheWay, Purpose};
+use on_the_way::OnTheWay;
 use planning::Lack;
+use scene::{Announced, Growth, OpenScene, Sections};
 
 /// How often a blob that came damaged is asked for again.
 pub const MAX_REFETCHES: u32 = 3;
@@ -94,6 +96,8 @@ pub enum Action {
     Fetch(Vec<(ChunkHash, u64)>),
     /// A new scene or new views: forget all chunks.
     OpenScene(Arc<SceneManifest>, Arc<[ViewSpec]>),
+    /// The scene has more: what it had keeps its numbers, and chunks stay.
+    GrowScene(Arc<SceneManifest>),
     /// Take a chunk's bytes, whose hash is right.
     Upload {
         /// Which chunk.
@@ -129,25 +133,6 @@ pub enum EndedBy {
     Node,
 }
 
-/// A scene that is being drawn.
-#[derive(Debug)]
-struct OpenScene {
-    manifest: Arc<SceneManifest>,
-    transforms: Vec<Transform>,
-    residency: Residency,
-    prefetch: Prefetch,
-    /// All chunks, sorted by their hashes.
-    by_hash: Vec<ChunkId>,
-}
-
-/// The manifest's sections on their way.
-#[derive(Debug)]
-struct Sections {
-    refs: Vec<SectionRef>,
-    /// In the order of [`SectionKind::FOR_TILES`].
-    bytes: [Option<Vec<u8>>; 4],
-}
-
 /// What a node needs before it draws a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Needs {
@@ -169,11 +154,13 @@ pub struct TileSession {
     evicted: Vec<ChunkId>,
     views: Arc<[ViewSpec]>,
     views_changed: bool,
-    epoch: Option<u32>,
-    /// The sections of `scene`, or of the scene that is on its way.
-    section_refs: Vec<SectionRef>,
+    /// The epochs of this connection that frames may be of: the last frame's, and those that follow.
+    announced: VecDeque<Announced>,
+    /// The parts of the newest one's scene.
+    parts: Vec<[SectionRef; 4]>,
     sections: Option<Sections>,
     scene: Option<OpenScene>,
+    growth: Growth,
     on_the_way: OnTheWay,
     damaged: HashMap<ChunkHash, u32>,
     /// Frames that were acknowledged on this connection; the newest last.
@@ -212,10 +199,11 @@ impl TileSession {
             evicted: Vec::new(),
             views: Arc::new([]),
             views_changed: true,
-            epoch: None,
-            section_refs: Vec::new(),
+            announced: VecDeque::new(),
+            parts: Vec::new(),
             sections: None,
             scene: None,
+            growth: Growth::default(),
             on_the_way: OnTheWay::default(),
             damaged: HashMap::new(),
             acknowledged: VecDeque::new(),
@@ -260,9 +248,12 @@ impl TileSession {
     pub fn disconnected(&mut self) {
         self.closed = true;
         // What the painter holds must stay what this session believes it holds.
-        self.actions
-            .retain(|a| matches!(a, Action::OpenScene(..) | Action::Upload { .. } | Action::Evict(_) | Action::SetTransform(_)));
-        self.epoch = None;
+        use Action as A;
+        let is_kept = |action: &A| {
+            matches!(action, A::OpenScene(..) | A::GrowScene(_) | A::Upload { .. } | A::Evict(_) | A::SetTransform(_))
+        };
+        self.actions.retain(is_kept);
+        self.forget_growth();
         self.pending = None;
         self.lack.frame = None;
         self.drawing = None;
@@ -287,7 +278,7 @@ impl TileSession {
                 self.take_welcome(welcome);
                 Ok(())
             }
-            ToTile::Manifest(manifest) => self.take_manifest(manifest),
+            ToTile::Manifest(manifest) => self.take_manifest(&manifest),
             ToTile::Frame(frame) => self.take_frame(frame),
             ToTile::Swap { frame } => {
                 if self.drawn == Some(frame) && self.shown != Some(frame) {
@@ -313,9 +304,7 @@ impl TileSession {
         if ChunkHash::of(&bytes) != hash {
             return self.take_damaged(hash, length, purpose);
         }
-        if let Some(sections) = &mut self.sections {
-            sections.take(hash, bytes);
-            self.open_when_whole();
+        if self.take_section(hash, &bytes) {
             self.plan();
         } else {
             self.take_chunk(hash, bytes);
@@ -393,50 +382,12 @@ impl TileSession {
         }
     }
 
-    fn take_manifest(&mut self, manifest: Manifest) -> Result<(), String> {
-        self.epoch = Some(manifest.epoch);
-        self.pending = None;
-        self.lack.frame = None;
-        self.acknowledged.clear();
-        self.moved_early.clear();
-        if self.needs == Needs::Nothing {
-            return Ok(());
-        }
-        let same = self.section_refs == manifest.sections && !self.views_changed;
-        if same && let Some(scene) = &mut self.scene {
-            // Objects may have moved back while nobody told us: start from where the manifest has them.
-            for (i, transform) in scene.manifest.transforms.iter().enumerate() {
-                if scene.transforms[i] != *transform {
-                    scene.transforms[i] = *transform;
-                    let moved = Moved { object: ObjectId(i as u32), transform: *transform };
-                    self.actions.push_back(Action::SetTransform(moved));
-                }
-            }
-            return Ok(());
-        }
-        self.section_refs.clone_from(&manifest.sections);
-        let mut refs = Vec::with_capacity(4);
-        for kind in SectionKind::FOR_TILES {
-            let found = manifest.sections.iter().find(|s| s.kind == kind);
-            refs.push(*found.ok_or_else(|| format!("the manifest lacks section {kind:?}"))?);
-        }
-        self.scene = None;
-        self.sections = Some(Sections { refs: refs.clone(), bytes: [const { None }; 4] });
-        let mut fetch: Vec<(ChunkHash, u64)> = Vec::new();
-        for section in refs {
-            if !fetch.iter().any(|(hash, _)| *hash == section.hash) {
-                fetch.push((section.hash, section.length));
-            }
-        }
-        self.fetch(fetch, Purpose::Need);
-        Ok(())
-    }
-
     fn take_frame(&mut self, frame: Frame) -> Result<(), String> {
-        let epoch = self.epoch.ok_or("a frame came before the manifest")?;
-        if frame.epoch != epoch {
+        let epoch = self.announced.front().ok_or("a frame came before the manifest")?.epoch;
+        let Some(place) = self.announced.iter().position(|announced| announced.epoch == frame.epoch) else {
             return Err(format!("frame {} is of epoch {}, the manifest of {epoch}", frame.number, frame.epoch));
-        }
+        };
+        self.announced.drain(..place);
         if frame.views.len() != self.views.len() {
             return Err(format!("frame {} has {} views, the welcome {}", frame.number, frame.views.len(), self.views.len()));
         }
@@ -464,39 +415,6 @@ impl TileSession {
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));
         self.plan();
         Ok(())
-    }
-
-    fn open_when_whole(&mut self) {
-        let Some([Some(a), Some(b), Some(c), Some(d)]) = self.sections.as_ref().map(|s| s.bytes.each_ref().map(Option::as_deref))
-        else {
-            return;
-        };
-        let manifest = match SceneManifest::from_sections([a, b, c, d]) {
-            Ok(manifest) => Arc::new(manifest),
-            Err(error) => return self.fail(format!("the scene: {error}")),
-        };
-        self.sections = None;
-        self.views_changed = false;
-        let mut by_hash: Vec<ChunkId> = (0..manifest.chunks.len() as u32).map(ChunkId).collect();
-        by_hash.sort_by_key(|id| manifest.chunks[id.0 as usize].hash);
-        self.scene = Some(OpenScene {
-            transforms: manifest.transforms.clone(),
-            residency: Residency::new(manifest.chunks.len(), self.memory_bytes),
-            prefetch: Prefetch::new(manifest.chunks.len()),
-            by_hash,
-            manifest: Arc::clone(&manifest),
-        });
-        self.actions.push_back(Action::OpenScene(manifest, Arc::clone(&self.views)));
-    }
-}
-
-impl Sections {
-    /// Sections may be equal, as empty ones are.
-    fn take(&mut self, hash: ChunkHash, bytes: Vec<u8>) {
-        for (section, place) in self.refs.iter().zip(&mut self.bytes).filter(|(section, _)| section.hash == hash) {
-            debug_assert_eq!(section.length, bytes.len() as u64);
-            *place = Some(bytes.clone());
-        }
     }
 }
 

@@ -6,13 +6,15 @@ use std::collections::HashMap;
 use mullion_common::scene::ChunkHash;
 
 use super::{FETCH_WINDOW, FETCH_WINDOW_BYTES};
-use crate::prefetch::Load;
+use crate::prefetch::{Load, PREFETCH_WINDOW, PREFETCH_WINDOW_BYTES};
 
 /// Why a blob was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     /// A frame needed it, or the scene is not open without it.
     Need,
+    /// It is of a scene that has grown, and no frame speaks of it yet.
+    Growth,
     /// No frame needed it yet.
     Ahead {
         /// What it may take on the GPU, bytes.
@@ -24,6 +26,7 @@ pub(super) enum Purpose {
 pub(super) struct OnTheWay {
     blobs: HashMap<ChunkHash, (u64, Purpose)>,
     needed: Load,
+    growth: Load,
     ahead: Load,
 }
 
@@ -35,6 +38,12 @@ impl OnTheWay {
     /// Whether a blob of so many bytes that a frame needs may be asked for.
     pub fn has_room_for(&self, length: u64) -> bool {
         self.needed.count < FETCH_WINDOW && (self.needed.count == 0 || self.needed.bytes + length <= FETCH_WINDOW_BYTES)
+    }
+
+    /// Whether a blob of so many bytes that no frame needs yet may be asked for.
+    pub fn has_room_ahead_for(&self, length: u64) -> bool {
+        let Load { count, bytes, .. } = self.ahead;
+        count < PREFETCH_WINDOW && (count == 0 || bytes + length <= PREFETCH_WINDOW_BYTES)
     }
 
     /// What was fetched ahead.
@@ -59,12 +68,13 @@ impl OnTheWay {
 
     pub fn clear(&mut self) {
         self.blobs.clear();
-        (self.needed, self.ahead) = Default::default();
+        (self.needed, self.growth, self.ahead) = Default::default();
     }
 
     fn load_of(&mut self, purpose: Purpose) -> (&mut Load, u64) {
         match purpose {
             Purpose::Need => (&mut self.needed, 0),
+            Purpose::Growth => (&mut self.growth, 0),
             Purpose::Ahead { room } => (&mut self.ahead, room),
         }
     }

@@ -2,7 +2,7 @@
 
 use super::on_the_way::Purpose;
 use super::*;
-use crate::prefetch::{AHEAD_S, Aim, Known};
+use crate::prefetch::{AHEAD_S, Aim, Known, room_of};
 
 /// What the newest frame that was looked at lacks.
 #[derive(Debug, Default)]
@@ -34,7 +34,8 @@ impl TileSession {
         let hash_of = |id: &ChunkId| scene.manifest.chunks[id.0 as usize].hash;
         let first = scene.by_hash.partition_point(|id| hash_of(id) < hash);
         let same = scene.by_hash[first..].iter().copied().take_while(|id| hash_of(id) == hash);
-        for chunk in same.collect::<Vec<_>>() {
+        let same: Vec<ChunkId> = same.collect();
+        for chunk in same.iter().copied() {
             let at = chunk.0 as usize;
             if !scene.residency.is_resident(chunk) {
                 scene.residency.loaded(chunk, bytes.len() as u64);
@@ -44,6 +45,7 @@ impl TileSession {
                 }
             }
         }
+        same.into_iter().for_each(|chunk| self.note_chunk(chunk));
     }
 
     /// Finds out what the newest frame lacks, and goes on from there.
@@ -54,6 +56,9 @@ impl TileSession {
         if self.needs == Needs::Nothing {
             self.lack.frame = self.pending.as_ref().map(|pending| pending.number);
             self.moved_early.clear();
+            return;
+        }
+        if self.pending.as_ref().is_none_or(|pending| !self.holds_epoch(pending.epoch)) {
             return;
         }
         let (Some(scene), Some(pending)) = (&mut self.scene, &self.pending) else { return };
@@ -139,7 +144,8 @@ impl TileSession {
             }
             self.lack.asked += 1;
         }
-        if self.lack.left == 0 {
+        if self.lack.left == 0 && !self.fetch_growth(&mut fetch) {
+            let Some(scene) = &mut self.scene else { return };
             let OpenScene { manifest, transforms, residency, prefetch, .. } = scene;
             let (known, on_the_way) = (Known { manifest, transforms, residency }, &mut self.on_the_way);
             while let Some((chunk, room)) = prefetch.next(known, on_the_way.ahead(), |record| on_the_way.holds(&record.hash)) {
@@ -152,6 +158,25 @@ impl TileSession {
         if !fetch.is_empty() {
             self.actions.push_back(Action::Fetch(fetch));
         }
+    }
+
+    /// Asks for what would be seen of a scene that has grown, as far as may be on its way; whether more of it is to be asked for.
+    fn fetch_growth(&mut self, fetch: &mut Vec<(ChunkHash, u64)>) -> bool {
+        while let (Some(id), Some(scene)) = (self.next_of_growth(), &self.scene) {
+            let record = scene.manifest.chunks[id.0 as usize];
+            if scene.residency.is_resident(id) {
+                self.note_chunk(id);
+            } else if !self.on_the_way.holds(&record.hash) {
+                let length = u64::from(record.length);
+                if !self.on_the_way.has_room_ahead_for(length) {
+                    return true;
+                }
+                self.on_the_way.insert(record.hash, length, Purpose::Ahead { room: room_of(&record) });
+                fetch.push((record.hash, length));
+            }
+            self.asked_of_growth();
+        }
+        false
     }
 
     pub(super) fn fetch(&mut self, blobs: Vec<(ChunkHash, u64)>, purpose: Purpose) {

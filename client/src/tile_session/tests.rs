@@ -2,7 +2,7 @@
 //! Method: one session, driven message by message. The whole exchange is simulated in the workspace's tests.
 
 use glam::DVec3;
-use mullion_common::scene::{AlphaMode, ChunkKind, ChunkRecord, LeafRecord, Material, MaterialId, Package, Scene};
+use mullion_common::scene::{AlphaMode, ChunkKind, ChunkRecord, LeafRecord, Material, MaterialId, Package, Scene, SectionKind};
 use mullion_common::visible_set::{LeafRange, VisibleDelta};
 use mullion_common::wall::{Eye, ObserverId, TileId};
 use mullion_common::wire::{FrameView, PROTOCOL_VERSION};
@@ -356,4 +356,146 @@ fn a_blob_fetched_ahead_may_come_damaged_or_never() {
     session.handle_message(manifest());
     session.handle_message(frame(0, None, &[]));
     assert!(matches!(&actions(&mut session)[..], [Action::Fetch(blobs), Action::Draw(_)] if *blobs == [hash(1), hash(0)]));
+}
+
+/// The scene with an object, two leaves and their chunks behind what it had.
+fn grown() -> SceneManifest {
+    let mut manifest = scene().manifest;
+    manifest.transforms.push(Transform::from(DAffine3::from_translation(DVec3::new(2.0, 0.0, -6.0)))); // ahead
+    for i in 3..5u8 {
+        manifest.chunks.push(ChunkRecord::new(ChunkHash::of(&[i; 10]), 0, 10, ChunkKind::Geometry));
+        let (object, chunk) = (ObjectId(1), ChunkId(u32::from(i)));
+        manifest.leaves.push(LeafRecord { object, chunk, ..manifest.leaves[0] });
+    }
+    manifest
+}
+
+fn added_sections() -> [Vec<u8>; 4] {
+    SectionKind::FOR_TILES.map(|kind| grown().section_since(kind, scene().manifest.size()).unwrap())
+}
+
+fn grown_manifest(epoch: u32) -> ToTile {
+    let ToTile::Manifest(Manifest { mut sections, .. }) = manifest() else { unreachable!("a manifest") };
+    sections.extend(SectionKind::FOR_TILES.into_iter().zip(added_sections()).map(|(kind, bytes)| SectionRef {
+        kind,
+        hash: ChunkHash::of(&bytes),
+        length: bytes.len() as u64,
+    }));
+    ToTile::Manifest(Manifest { epoch, sections })
+}
+
+fn give_sections(session: &mut TileSession) {
+    added_sections().into_iter().for_each(|bytes| session.handle_blob(ChunkHash::of(&bytes), bytes));
+}
+
+fn frame_of(epoch: u32, number: u64, base: Option<u64>, added: &[(u32, u32)]) -> ToTile {
+    let ToTile::Frame(mut frame) = frame(number, base, added) else { unreachable!("a frame") };
+    frame.epoch = epoch;
+    ToTile::Frame(frame)
+}
+
+/// A session that has drawn frame 0, all three leaves, with room to fetch ahead.
+fn drawn_with_room() -> TileSession {
+    let mut session = open_with(WhenMissing::Hold, u64::MAX);
+    session.handle_message(frame(0, None, &[(0, 3)]));
+    (0..3).for_each(|i| give(&mut session, i));
+    actions(&mut session);
+    session.drawn(0, DrawStats::default());
+    actions(&mut session);
+    session
+}
+
+#[test]
+fn a_scene_that_grows_is_taken_in_while_frames_go_on() {
+    let mut session = drawn_with_room();
+    session.handle_message(grown_manifest(2));
+    let got = actions(&mut session);
+    assert!(matches!(&got[..], [Action::Fetch(blobs)] if blobs.len() == 4), "what is here is not fetched again: {got:?}");
+    // A frame of the old epoch, with the tables half there.
+    let [first, ..] = added_sections();
+    session.handle_blob(ChunkHash::of(&first), first);
+    session.handle_message(frame(1, Some(0), &[]));
+    assert!(matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.number == 1));
+    session.drawn(1, DrawStats::default());
+    actions(&mut session);
+    give_sections(&mut session);
+    session.handle_message(frame(2, Some(0), &[]));
+    let got = actions(&mut session);
+    let [Action::GrowScene(manifest), Action::Fetch(blobs), Action::Draw(_)] = &got[..] else { panic!("{got:?}") };
+    assert_eq!((**manifest == grown(), blobs.as_slice()), (true, &[hash(3), hash(4)][..]));
+    session.drawn(2, DrawStats::default());
+    give(&mut session, 3);
+    let prepared = Action::Send(ToMaster::Prepared { epoch: 2 });
+    assert!(!actions(&mut session).contains(&prepared), "it would see the other chunk, too");
+    give(&mut session, 4);
+    assert!(actions(&mut session).contains(&prepared));
+    // The new epoch's first frame stands on one of the old epoch, and lacks nothing.
+    session.handle_message(frame_of(2, 3, Some(0), &[(3, 5)]));
+    let got = actions(&mut session);
+    assert!(matches!(&got[..], [Action::Draw(frame)] if frame.epoch == 2 && frame.views[0].leaves.len() == 5), "{got:?}");
+    session.handle_message(frame(4, Some(0), &[]));
+    assert!(left(&mut session).contains("frame 4 is of epoch 1, the manifest of 2"));
+}
+
+#[test]
+fn a_frame_of_a_scene_that_is_not_there_yet_waits_for_it() {
+    let mut session = drawn_with_room();
+    session.handle_message(grown_manifest(2));
+    session.handle_message(frame_of(2, 1, Some(0), &[(3, 5)]));
+    let mut moved = frame_of(2, 2, Some(0), &[(3, 5)]);
+    if let ToTile::Frame(frame) = &mut moved {
+        frame.moved = vec![Moved { object: ObjectId(1), transform: Transform::from(DAffine3::from_translation(DVec3::X)) }];
+    }
+    session.handle_message(moved);
+    assert!(matches!(&actions(&mut session)[..], [Action::Fetch(_)]));
+    give_sections(&mut session);
+    let got = actions(&mut session);
+    let is_moved = |action: &Action| matches!(action, Action::SetTransform(moved) if moved.object == ObjectId(1));
+    assert!(matches!(&got[0], Action::GrowScene(_)) && got.iter().any(is_moved), "{got:?}");
+    give(&mut session, 3);
+    give(&mut session, 4);
+    let got = actions(&mut session);
+    assert!(matches!(got.last(), Some(Action::Draw(frame)) if frame.number == 2), "{got:?}");
+    assert!(got.contains(&Action::Send(ToMaster::Prepared { epoch: 2 })));
+}
+
+#[test]
+fn what_was_fetched_of_a_growing_scene_outlives_a_connection() {
+    let mut session = drawn_with_room();
+    session.handle_message(grown_manifest(2));
+    give_sections(&mut session);
+    actions(&mut session);
+    session.disconnected();
+    session.connected();
+    session.handle_message(welcome());
+    // The master went on, or has not begun yet, or is another one that never grew.
+    session.handle_message(grown_manifest(7));
+    assert_eq!(actions(&mut session), [], "all of it is here, and nothing was asked");
+    session.disconnected();
+    session.connected();
+    session.handle_message(welcome());
+    session.handle_message(manifest());
+    assert!(matches!(&actions(&mut session)[..], [Action::Fetch(blobs)] if blobs.len() == 4), "its scene is a smaller one");
+}
+
+#[test]
+fn a_scene_that_does_not_begin_with_the_one_before_ends_the_connection() {
+    for bad in [grown_manifest(3), manifest(), {
+        let ToTile::Manifest(Manifest { mut sections, .. }) = grown_manifest(2) else { unreachable!("a manifest") };
+        sections.rotate_left(4);
+        ToTile::Manifest(Manifest { epoch: 2, sections })
+    }] {
+        let mut session = drawn_with_room();
+        session.handle_message(bad);
+        assert!(left(&mut session).contains("is not that of epoch 1 and more"));
+    }
+    let mut session = drawn_with_room();
+    session.handle_message(frame_of(2, 1, None, &[]));
+    assert!(left(&mut session).contains("frame 1 is of epoch 2, the manifest of 1"));
+    let mut session = TileSession::without_scene("n", None);
+    session.connected();
+    session.handle_message(welcome());
+    session.handle_message(manifest());
+    session.handle_message(grown_manifest(2));
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Prepared { epoch: 2 })], "who draws nothing is always prepared");
 }

@@ -22,6 +22,15 @@ impl ChunkHash {
     pub fn of(bytes: &[u8]) -> Self {
         Self(*blake3::hash(bytes).as_bytes())
     }
+
+    /// The name of these bytes, one slice behind the other.
+    pub fn of_slices<'a>(slices: impl Iterator<Item = &'a [u8]>) -> Self {
+        let mut hasher = blake3::Hasher::new();
+        for bytes in slices {
+            hasher.update(bytes);
+        }
+        Self(*hasher.finalize().as_bytes())
+    }
 }
 
 impl fmt::Display for ChunkHash {

@@ -7,12 +7,15 @@
 //! ```
 
 mod chunk;
+mod chunk_data;
+mod growth;
 mod hierarchy;
 mod leaf;
 mod material;
 mod package;
 
 pub use chunk::{ChunkError, ChunkHash, GeometryChunk, MAX_CHUNK_BYTES, MAX_CHUNK_VERTICES};
+pub use growth::SceneSize;
 pub use hierarchy::{HierarchyError, NodeId, ObjectHierarchy, OhNode};
 pub use leaf::{ChunkId, LeafRecord, Object, ObjectId, Presence, Transform};
 pub use material::{AlphaMode, Filter, Material, MaterialId, TextureRef, Wrap};

@@ -14,9 +14,10 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use thiserror::Error;
 
+use super::chunk_data::ChunkData;
 use super::{
     AlphaMode, ChunkHash, ChunkId, HierarchyError, LeafRecord, MAX_CHUNK_BYTES, Material, Object, ObjectHierarchy, OhNode,
-    Transform,
+    SceneSize, Transform,
 };
 use crate::wire::codec::{self, CodecError};
 
@@ -64,7 +65,7 @@ impl SectionKind {
 }
 
 /// What a chunk's bytes are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum ChunkKind {
     /// A [`super::GeometryChunk`].
@@ -91,6 +92,11 @@ impl ChunkRecord {
     /// A record for `bytes` at `offset`.
     pub fn new(hash: ChunkHash, offset: u64, length: u32, kind: ChunkKind) -> Self {
         Self { hash, offset, length, kind: kind as u32 }
+    }
+
+    /// The same at another offset.
+    pub fn moved_to(self, offset: u64) -> Self {
+        Self { offset, ..self }
     }
 
     /// What its bytes are; `None` for a kind of a later version.
@@ -167,12 +173,12 @@ pub struct Scene {
     pub sources: Sources,
 }
 
-/// A scene with its chunks.
+/// A scene with its chunks. Packages that grew from one another share the bytes of their chunks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Package {
     /// The scene.
     pub scene: Scene,
-    chunk_data: Vec<u8>,
+    chunk_data: ChunkData,
 }
 
 /// Why bytes are no package.
@@ -209,7 +215,12 @@ impl SceneManifest {
     /// # Errors
     /// Naming the first record that fails.
     pub fn check(&self) -> Result<(), PackageError> {
-        for (i, leaf) in self.leaves.iter().enumerate() {
+        self.check_since(SceneSize::default())
+    }
+
+    /// The same of what came since the scene was so large.
+    pub(super) fn check_since(&self, since: SceneSize) -> Result<(), PackageError> {
+        for (i, leaf) in self.leaves.iter().enumerate().skip(since.leaves as usize) {
             let chunk = self.chunks.get(leaf.chunk.0 as usize);
             let in_range = (leaf.object.0 as usize) < self.transforms.len()
                 && (leaf.material.0 as usize) < self.materials.len()
@@ -219,10 +230,10 @@ impl SceneManifest {
                 return inconsistent(format!("leaf {i} names an object, chunk or material that is not there"));
             }
         }
-        if let Some(i) = self.transforms.iter().position(|t| !t.is_finite()) {
+        if let Some((i, _)) = self.transforms.iter().enumerate().skip(since.objects as usize).find(|(_, t)| !t.is_finite()) {
             return inconsistent(format!("object {i} has a transform that is not finite"));
         }
-        for (i, material) in self.materials.iter().enumerate() {
+        for (i, material) in self.materials.iter().enumerate().skip(since.materials as usize) {
             let texture = material.texture.map(|t| self.chunks.get(t.chunk.0 as usize).and_then(ChunkRecord::kind));
             let finite = material.base_color.iter().all(|v| v.is_finite())
                 && !matches!(material.alpha, AlphaMode::Mask { cutoff } if !cutoff.is_finite());
@@ -237,14 +248,9 @@ impl SceneManifest {
     ///
     /// # Errors
     /// When a section is malformed or the manifest fails its check.
-    pub fn from_sections([transforms, leaves, materials, chunks]: [&[u8]; 4]) -> Result<Self, PackageError> {
-        let manifest = Self {
-            transforms: records(SectionKind::Transforms, transforms)?,
-            leaves: records(SectionKind::Leaves, leaves)?,
-            materials: decode_section(SectionKind::Materials, materials)?,
-            chunks: records(SectionKind::Chunks, chunks)?,
-        };
-        manifest.check()?;
+    pub fn from_sections(sections: [&[u8]; 4]) -> Result<Self, PackageError> {
+        let mut manifest = Self::default();
+        manifest.grow(sections)?;
         Ok(manifest)
     }
 }
@@ -260,17 +266,12 @@ impl Scene {
     /// # Errors
     /// Never for a checked scene.
     pub fn section_bytes(&self, kind: SectionKind) -> Result<Vec<u8>, PackageError> {
-        let manifest = &self.manifest;
-        Ok(match kind {
-            SectionKind::Hierarchy => encode_section(kind, &self.hierarchy.nodes())?,
-            SectionKind::Objects => encode_section(kind, &self.objects)?,
-            SectionKind::Transforms => bytemuck::cast_slice(&manifest.transforms).to_vec(),
-            SectionKind::Leaves => bytemuck::cast_slice(&manifest.leaves).to_vec(),
-            SectionKind::Materials => encode_section(kind, &manifest.materials)?,
-            SectionKind::Chunks => bytemuck::cast_slice(&manifest.chunks).to_vec(),
-            SectionKind::Sources => encode_section(kind, &self.sources)?,
-            SectionKind::ChunkData => Vec::new(),
-        })
+        match kind {
+            SectionKind::Hierarchy => encode_section(kind, &self.hierarchy.nodes()),
+            SectionKind::Objects => encode_section(kind, &self.objects),
+            SectionKind::Sources => encode_section(kind, &self.sources),
+            for_tiles => self.manifest.section_since(for_tiles, SceneSize::default()),
+        }
     }
 }
 
@@ -280,6 +281,19 @@ impl Package {
     /// # Errors
     /// When an id is out of range, a chunk lies outside the data, or leaves, hierarchy, objects and sources disagree.
     pub fn new(scene: Scene, chunk_data: Vec<u8>) -> Result<Self, PackageError> {
+        Self::checked(scene, ChunkData::default().with(chunk_data))
+    }
+
+    /// The package that a larger scene makes of this one: its chunks lie where they do here, and the new ones in `added`, as if that
+    /// came behind the bytes that are here.
+    ///
+    /// # Errors
+    /// As [`Package::new`].
+    pub fn grown(&self, scene: Scene, added: Vec<u8>) -> Result<Self, PackageError> {
+        Self::checked(scene, self.chunk_data.with(added))
+    }
+
+    fn checked(scene: Scene, chunk_data: ChunkData) -> Result<Self, PackageError> {
         scene.manifest.check()?;
         scene.sources.check(scene.manifest.leaves.len())?;
         if scene.hierarchy.leaf_count() as usize != scene.manifest.leaves.len() {
@@ -302,8 +316,7 @@ impl Package {
             if chunk.length as usize > MAX_CHUNK_BYTES {
                 return inconsistent(format!("chunk {i} has {} bytes, at most {MAX_CHUNK_BYTES} are allowed", chunk.length));
             }
-            let end = chunk.offset.checked_add(u64::from(chunk.length));
-            if end.is_none_or(|end| end > chunk_data.len() as u64) {
+            if chunk_data.get(chunk.offset, chunk.length).is_none() {
                 return inconsistent(format!("chunk {i} lies outside the chunk data"));
             }
         }
@@ -313,12 +326,12 @@ impl Package {
     /// The bytes of a chunk.
     pub fn chunk(&self, id: ChunkId) -> &[u8] {
         let record = &self.scene.manifest.chunks[id.0 as usize];
-        &self.chunk_data[record.offset as usize..][..record.length as usize]
+        self.chunk_data.get(record.offset, record.length).expect("a checked package holds its chunks")
     }
 
     /// Bytes of all chunks together.
     pub fn chunk_bytes(&self) -> u64 {
-        self.chunk_data.len() as u64
+        self.chunk_data.len()
     }
 
     /// Writes the container. The same package gives the same bytes.
@@ -339,20 +352,22 @@ impl Package {
         for kind in KINDS {
             sections.push((kind, self.scene.section_bytes(kind).map_err(io::Error::other)?));
         }
-        let all =
-            || sections.iter().map(|(k, b)| (*k, b.as_slice())).chain([(SectionKind::ChunkData, self.chunk_data.as_slice())]);
+        let mut all: Vec<(SectionKind, Vec<&[u8]>)> =
+            sections.iter().map(|(kind, bytes)| (*kind, vec![bytes.as_slice()])).collect();
+        all.push((SectionKind::ChunkData, self.chunk_data.slices().collect()));
         let count = sections.len() + 1;
         out.write_all(&MAGIC)?;
         out.write_all(&PACKAGE_VERSION.to_le_bytes())?;
         out.write_all(&(count as u32).to_le_bytes())?;
         let mut offset = (16 + count * size_of::<SectionEntry>()) as u64;
-        for (kind, bytes) in all() {
-            let length = bytes.len() as u64;
-            let entry = SectionEntry { kind: kind as u32, reserved: 0, offset, length, hash: ChunkHash::of(bytes) };
+        for (kind, slices) in &all {
+            let length = slices.iter().map(|bytes| bytes.len() as u64).sum();
+            let hash = ChunkHash::of_slices(slices.iter().copied());
+            let entry = SectionEntry { kind: *kind as u32, reserved: 0, offset, length, hash };
             out.write_all(bytemuck::bytes_of(&entry))?;
             offset += length;
         }
-        all().try_for_each(|(_, bytes)| out.write_all(bytes))
+        all.iter().flat_map(|(_, slices)| slices).try_for_each(|bytes| out.write_all(bytes))
     }
 
     /// Reads and checks a container. Sections of unknown kinds are skipped.
@@ -438,7 +453,7 @@ impl<'a> Sections<'a> {
     }
 }
 
-fn records<T: Pod>(kind: SectionKind, bytes: &[u8]) -> Result<Vec<T>, PackageError> {
+pub(super) fn records<T: Pod>(kind: SectionKind, bytes: &[u8]) -> Result<Vec<T>, PackageError> {
     if bytes.len().is_multiple_of(size_of::<T>()) {
         Ok(bytemuck::pod_collect_to_vec(bytes))
     } else {
@@ -447,11 +462,11 @@ fn records<T: Pod>(kind: SectionKind, bytes: &[u8]) -> Result<Vec<T>, PackageErr
 }
 
 /// A section's bytes, for sections that go through the codec.
-fn encode_section<T: Serialize>(kind: SectionKind, value: &T) -> Result<Vec<u8>, PackageError> {
+pub(super) fn encode_section<T: Serialize>(kind: SectionKind, value: &T) -> Result<Vec<u8>, PackageError> {
     codec::encode(value).map_err(|e| PackageError::Section(kind, e))
 }
 
 /// Reads a section that went through the codec.
-fn decode_section<T: DeserializeOwned>(kind: SectionKind, bytes: &[u8]) -> Result<T, PackageError> {
+pub(super) fn decode_section<T: DeserializeOwned>(kind: SectionKind, bytes: &[u8]) -> Result<T, PackageError> {
     codec::decode::<T, MAX_SECTION_BYTES>(bytes).map_err(|e| PackageError::Section(kind, e))
 }

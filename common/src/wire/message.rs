@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use super::codec::List;
 use super::{
     Frame, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_NAME_BYTES, MAX_OPENING_BYTES, MAX_PIECE_BYTES, MAX_REASON_BYTES,
-    MAX_SECTIONS, MAX_TILE_SECTION_BYTES, MAX_TO_MASTER_BYTES, MAX_TO_TILE_BYTES, MAX_VIEWS, MAX_WANTED, WireError, codec,
-    framed, within,
+    MAX_TILE_SECTION_BYTES, MAX_TO_MASTER_BYTES, MAX_TO_TILE_BYTES, MAX_VIEWS, MAX_WANTED, Manifest, WireError, codec, framed,
+    within,
 };
-use crate::scene::{ChunkHash, SectionKind};
+use crate::scene::ChunkHash;
 use crate::wall::{Eye, ObserverId, TileId, ViewId, Wall};
 
 pub(super) mod tag {
@@ -32,6 +32,7 @@ pub(super) mod tag {
     pub const STANDBY_HELLO: u8 = 16;
     pub const COURSE: u8 = 17;
     pub const RIVAL_HELLO: u8 = 18;
+    pub const PREPARED: u8 = 19;
 }
 
 /// What a node did lately. Whether or not anything changed, one comes every second.
@@ -83,6 +84,12 @@ pub enum ToMaster {
         frame: u64,
         /// The last frame shown, where that has not been said and the master's clock is known.
         shown: Option<Shown>,
+    },
+    /// It holds the tables of a scene that has grown, and the chunks of what it would see of that: the answer to every manifest but the
+    /// first.
+    Prepared {
+        /// Of the manifest.
+        epoch: u32,
     },
     /// What time is it there?
     Ping(Ping),
@@ -260,27 +267,6 @@ pub struct Welcome {
     pub next_frame: u64,
 }
 
-/// A section of the scene that tiles need, fetched as a blob.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SectionRef {
-    /// What it holds.
-    pub kind: SectionKind,
-    /// Name of its bytes.
-    pub hash: ChunkHash,
-    /// How many bytes.
-    pub length: u64,
-}
-
-/// Which scene the frames are of.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Manifest {
-    /// Frames of this epoch speak of this scene.
-    pub epoch: u32,
-    /// What to fetch before anything can be drawn.
-    #[serde(deserialize_with = "codec::list")]
-    pub sections: Vec<SectionRef>,
-}
-
 /// From the master to a node, on the control connection.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ToTile {
@@ -376,6 +362,7 @@ impl ToMaster {
         let cap = MAX_TO_MASTER_BYTES;
         match self {
             Self::Ready { frame, shown } => framed(out, tag::READY, cap, |out| Ok(codec::encode_into(&(frame, shown), out)?)),
+            Self::Prepared { epoch } => framed(out, tag::PREPARED, cap, |out| Ok(codec::encode_into(epoch, out)?)),
             Self::Ping(ping) => framed(out, tag::PING, cap, |out| Ok(codec::encode_into(ping, out)?)),
             Self::Stats(stats) => framed(out, tag::STATS, cap, |out| Ok(codec::encode_into(stats, out)?)),
             Self::Bye(bye) => framed(out, tag::BYE, cap, |out| put_bye(out, bye)),
@@ -393,6 +380,7 @@ impl ToMaster {
                 let (frame, shown) = codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?;
                 Ok(Self::Ready { frame, shown })
             }
+            tag::PREPARED => Ok(Self::Prepared { epoch: codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)? }),
             tag::PING => Ok(Self::Ping(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
             tag::STATS => Ok(Self::Stats(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
             tag::BYE => Ok(Self::Bye(take_bye(rest)?)),
@@ -464,18 +452,6 @@ impl Welcome {
             Ok(())
         } else {
             Err(WireError::NotFinite { what: "a number of the welcome" })
-        }
-    }
-}
-
-impl Manifest {
-    fn check(&self) -> Result<(), WireError> {
-        within("sections", self.sections.len(), MAX_SECTIONS)?;
-        let longest = self.sections.iter().map(|s| s.length).max().unwrap_or(0);
-        if longest <= MAX_TILE_SECTION_BYTES {
-            Ok(())
-        } else {
-            Err(WireError::Limit { what: "bytes of a section", value: longest, cap: MAX_TILE_SECTION_BYTES })
         }
     }
 }

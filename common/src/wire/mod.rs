@@ -36,6 +36,7 @@
 //! | 16 | [`StandbyHello`] | standby | magic `MULL`, version u32, hash of the wall, hash of the scene |
 //! | 17 | [`Course`] | master, standby | see [`Course`]; answered by Ready |
 //! | 18 | [`RivalHello`] | master, master | as StandbyHello, then live_nodes u32, port u16; answered by Bye |
+//! | 19 | Prepared | node, control | epoch u32 |
 //!
 //! # A session
 //! `Hello` → `Welcome`, `Manifest`; then the node opens its chunk connection with the session number that `Welcome`
@@ -46,13 +47,19 @@
 //! master's clock may be off. With each Ready it says when, on that clock, it showed the frame before.
 //! The magic and the version come first in both greetings, so that any version can refuse any other by name.
 //!
+//! # A scene that grows
+//! Another `Manifest` may come while frames of the old epoch go on: it names the sections of the one before, and more. The node fetches
+//! what is new, and the chunks of what it would see of that, and says `Prepared`. Some frame after that is the first of the new epoch, on
+//! all nodes at once. Objects, leaves, materials and chunks keep their numbers, so that deltas go on across epochs.
+//!
 //! # Deltas
 //! A frame's `base` is a frame that this node said `Ready` for on this connection, at most [`BASE_WINDOW`] frames back;
 //! without a base the delta is against empty sets. A view's digest tells whether the set that came of it is the master's. Transforms are absolute, of every object that moved since the base
-//! (or since the manifest). A node keeps the sets of the last [`BASE_WINDOW`] frames that it acknowledged.
+//! (or since the first manifest). A node keeps the sets of the last [`BASE_WINDOW`] frames that it acknowledged.
 
 pub mod codec;
 mod frame;
+mod manifest;
 mod message;
 mod opening;
 mod ranges;
@@ -64,13 +71,12 @@ use thiserror::Error;
 
 pub use codec::CodecError;
 pub use frame::{Budget, Frame, FrameView, Moved};
-pub use message::{
-    Bye, ByeCode, ChunkReply, Manifest, Piece, Ping, Pong, SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Want, Welcome,
-};
+pub use manifest::{Manifest, SectionRef};
+pub use message::{Bye, ByeCode, ChunkReply, Piece, Ping, Pong, Shown, Stats, ToMaster, ToTile, ViewSpec, Want, Welcome};
 pub use opening::{ChunkHello, Hello, Opening, Part};
 pub use standby::{Course, RivalHello, StandbyHello, Steering, ToStandby};
 
-use crate::scene::MAX_CHUNK_BYTES;
+use crate::scene::{MAX_CHUNK_BYTES, SectionKind};
 
 /// Version of the protocol. Master and nodes speak only their own.
 pub const PROTOCOL_VERSION: u32 = 4;
@@ -104,8 +110,10 @@ pub const MAX_REASON_BYTES: usize = 512;
 pub const MAX_VIEWS: usize = 2048;
 /// Most views of a wall.
 pub const MAX_WALL_VIEWS: usize = 1 << 16;
+/// Most parts of a scene: one, and one for each time that it grew.
+pub const MAX_PARTS: usize = 1024;
 /// Most sections in a manifest.
-pub const MAX_SECTIONS: usize = 16;
+pub const MAX_SECTIONS: usize = MAX_PARTS * SectionKind::FOR_TILES.len();
 /// Largest section that travels as a blob.
 pub const MAX_TILE_SECTION_BYTES: u64 = 1 << 30;
 /// Most blobs that a node may have asked for and not got.

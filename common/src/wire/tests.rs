@@ -129,6 +129,7 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
         ("standby hello", bytes(|out| standby_hello().encode(out))),
         ("course", bytes(|out| course().encode(out))),
         ("rival hello", bytes(|out| rival_hello().encode(out))),
+        ("prepared", bytes(|out| ToMaster::Prepared { epoch: 258 }.encode(out))),
     ]
 }
 
@@ -189,6 +190,7 @@ fn golden_bytes() {
             ),
         ),
         ("rival hello", format!("12 4d554c4c04000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
+        ("prepared", "13 02010000".into()),
     ];
     for ((name, bytes), (golden_name, golden)) in samples().iter().zip(golden) {
         assert_eq!(*name, golden_name);
@@ -209,6 +211,19 @@ fn messages_go_round() {
     }
     let piece = ChunkReply::Piece(Piece { hash: ChunkHash([1; 32]), offset: 0, total: 3, bytes: b"abc" });
     assert_eq!(ChunkReply::decode(body_of(&bytes(|out| piece.encode(out)))), Ok(piece));
+}
+
+#[test]
+fn a_manifest_has_whole_parts() {
+    let of = |kinds: &[SectionKind]| {
+        let section = |(i, kind): (usize, &SectionKind)| SectionRef { kind: *kind, hash: ChunkHash([i as u8; 32]), length: 1 };
+        Manifest { epoch: 1, sections: kinds.iter().enumerate().map(section).collect() }.parts()
+    };
+    let [a, b, c, d] = SectionKind::FOR_TILES;
+    let parts = of(&[a, b, c, d, d, c, b, a]).unwrap();
+    assert_eq!(parts.iter().map(|part| part.map(|s| s.hash.0[0])).collect::<Vec<_>>(), [[0, 1, 2, 3], [7, 6, 5, 4]]);
+    assert_eq!(of(&[]), Err("the manifest lacks section Transforms".to_owned()));
+    assert_eq!(of(&[a, b, c, d, a, b, d]), Err("the manifest lacks section Materials".to_owned()));
 }
 
 #[test]

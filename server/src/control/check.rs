@@ -1,19 +1,19 @@
 //! Whether a wall and a scene can do what a command says.
 
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock};
 
 use glam::{DAffine3, DQuat, DVec3};
 use mullion_common::camera_path::CameraPose;
-use mullion_common::control::{Command, MAX_COMMANDS, MAX_REQUEST_BYTES, MovesError, ObjectKey};
+use mullion_common::control::{Command, Insert, MAX_COMMANDS, MAX_REQUEST_BYTES, MovesError, ObjectKey};
 use mullion_common::scene::{ObjectId, Package};
 use mullion_common::wall::{TileId, Wall};
 use mullion_common::wire::{Budget, Moved};
 use thiserror::Error;
 
-use crate::tree::Presence;
+use super::grafter::MAX_INSERTIONS;
+use crate::library::check_name;
+use crate::tree::{MAX_TRANSFORM, Presence};
 
-/// Greatest number in a transform: what a leaf's box becomes with it stays finite.
-const MAX_TRANSFORM: f64 = 1e15;
 const LIMITS: std::ops::RangeInclusive<f64> = -MAX_TRANSFORM..=MAX_TRANSFORM;
 /// Most frames in a step.
 const MAX_STEPS: u32 = 1_000_000;
@@ -38,6 +38,8 @@ pub enum ControlError {
     Full { queued: usize, cap: usize },
     #[error("the show does not begin a frame: what was sent waits for one")]
     Late,
+    #[error("the insertion takes long: it goes on, and nobody tells when it is seen")]
+    LateInsertion,
     #[error("the show is over")]
     Over,
     #[error("this master stands by: steer the one that drives the wall")]
@@ -48,6 +50,12 @@ pub enum ControlError {
     NoObjectNamed { name: String },
     #[error("object {name:?}: {count} objects have that name; give a number, as {first}")]
     Ambiguous { name: String, count: usize, first: u32 },
+    #[error("insert: this show has no library; start it with --library")]
+    NoLibrary,
+    #[error("insert: {MAX_INSERTIONS} insertions wait already; try again when one is seen")]
+    ManyInsertions,
+    #[error("insert: {problem}")]
+    Insertion { problem: String },
     #[error("tile {tile:?}: the wall has {known}")]
     NoTile { tile: String, known: String },
 }
@@ -85,17 +93,25 @@ impl Change {
     }
 }
 
-/// Knows the wall and the scene that commands are for.
+/// An insertion that can be tried.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Wanted {
+    pub package: String,
+    pub under: Option<ObjectId>,
+    pub world_from_root: DAffine3,
+}
+
+/// Knows the wall and the scene that commands are for. Clones know of the same scene when it grows.
 #[derive(Clone, Debug)]
 pub struct Checker {
     wall: Arc<Wall>,
-    package: Arc<Package>,
+    package: Arc<RwLock<Arc<Package>>>,
 }
 
 impl Checker {
     /// For a wall that shows a package.
     pub fn new(wall: Arc<Wall>, package: Arc<Package>) -> Self {
-        Self { wall, package }
+        Self { wall, package: Arc::new(RwLock::new(package)) }
     }
 
     /// The wall.
@@ -104,8 +120,28 @@ impl Checker {
     }
 
     /// The scene.
-    pub fn package(&self) -> &Package {
-        &self.package
+    pub fn package(&self) -> Arc<Package> {
+        Arc::clone(&self.package.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// The scene has grown.
+    pub(super) fn grow(&self, package: Arc<Package>) {
+        *self.package.write().unwrap_or_else(PoisonError::into_inner) = package;
+    }
+
+    /// What is to be inserted where.
+    ///
+    /// # Errors
+    /// When there is no such object, or the name or the place is none.
+    pub(super) fn insertion(&self, insert: &Insert) -> Result<Wanted, ControlError> {
+        let refused = |problem: String| ControlError::Insertion { problem };
+        check_name(&insert.package).map_err(|error| refused(error.to_string()))?;
+        let under = insert.under.map(|object| self.known(object)).transpose().map_err(|e| refused(format!("under: {e}")))?;
+        if let Some(at) = insert.transform.iter().position(|number| !LIMITS.contains(number)) {
+            let number = insert.transform[at];
+            return Err(refused(format!("number {at} of the transform is {number}, outside ±{MAX_TRANSFORM:e}")));
+        }
+        Ok(Wanted { package: insert.package.clone(), under, world_from_root: DAffine3::from_cols_array(&insert.transform) })
     }
 
     /// What a frame is to do for these commands.
@@ -140,7 +176,8 @@ impl Checker {
     /// # Errors
     /// When none has the number or name, or several have the name.
     pub fn object(&self, key: &ObjectKey) -> Result<ObjectId, ControlError> {
-        let objects = &self.package.scene.objects;
+        let package = self.package();
+        let objects = &package.scene.objects;
         match key {
             ObjectKey::Number(object) if (*object as usize) < objects.len() => Ok(ObjectId(*object)),
             ObjectKey::Number(object) => Err(ControlError::NoObject { object: *object, count: objects.len() }),
@@ -191,6 +228,7 @@ impl Checker {
             }
             Command::Remove(it) => Change::Presence(self.known(it.object)?, Presence::Away),
             Command::Add(it) => Change::Presence(self.known(it.object)?, Presence::There),
+            Command::Insert(_) => return Err("insert: it stands alone in its request".to_owned()),
             Command::Pause => Change::Pause,
             Command::Resume => Change::Resume,
             Command::Step(steps) if (1..=MAX_STEPS).contains(&steps.frames) => Change::Step(steps.frames),

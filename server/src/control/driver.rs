@@ -118,6 +118,8 @@ impl Driver {
             presence: std::mem::take(&mut steered.presence),
             budgets: steered.budgets.clone(),
             steering: steered.steering(path_frame),
+            offer: self.batches.take_offer(),
+            grows: false,
         }
     }
 }

@@ -9,10 +9,10 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use axum::body::Bytes;
+use axum::body::{Body, to_bytes};
 use axum::extract::rejection::QueryRejection;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
-use axum::extract::{DefaultBodyLimit, Path, Query, Request, State};
+use axum::extract::{Path, Query, Request, State};
 use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
@@ -20,7 +20,9 @@ use axum::routing::{get, post};
 use axum::{Json, Router};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use mullion_common::control::{Answer, Ask, Command, Event, MAX_REQUEST_BYTES, ObjectKey, Question, Request as Wanted, Status};
+use mullion_common::control::{
+    Answer, Ask, Command, Event, Inserted, MAX_REQUEST_BYTES, ObjectKey, Question, Request as Wanted, Status,
+};
 use serde::{Deserialize, Serialize};
 use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 
@@ -37,6 +39,8 @@ pub const MAX_SOCKETS: usize = 16;
 const PATIENCE: Duration = Duration::from_secs(10);
 /// How long a request waits for the frame that takes it.
 const FRAME_PATIENCE: Duration = Duration::from_secs(5);
+/// How long a request waits for its insertion, and those before it.
+const INSERT_PATIENCE: Duration = Duration::from_secs(120);
 /// Most bytes of a request's head.
 const MAX_HEAD_BYTES: usize = 16 << 10;
 /// Messages that wait to be written to a WebSocket; beyond, it is not read.
@@ -111,7 +115,6 @@ async fn accept(listener: tokio::net::TcpListener, api: Api) {
         .fallback(async || {
             refused(StatusCode::NOT_FOUND, "there is /status, /metrics, /commands, /why, /objects/ID/tiles and /ws")
         })
-        .layer(DefaultBodyLimit::max(MAX_REQUEST_BYTES))
         .layer(middleware::from_fn_with_state(api.clone(), guard))
         .with_state(api);
     loop {
@@ -161,8 +164,8 @@ fn refused(code: StatusCode, error: impl ToString) -> Response {
 impl IntoResponse for ControlError {
     fn into_response(self) -> Response {
         let code = match self {
-            Self::Full { .. } => StatusCode::TOO_MANY_REQUESTS,
-            Self::Late | Self::Over | Self::StandingBy => StatusCode::SERVICE_UNAVAILABLE,
+            Self::Full { .. } | Self::ManyInsertions => StatusCode::TOO_MANY_REQUESTS,
+            Self::Late | Self::LateInsertion | Self::Over | Self::StandingBy => StatusCode::SERVICE_UNAVAILABLE,
             Self::TooLong(_) => StatusCode::PAYLOAD_TOO_LARGE,
             Self::NoObject { .. } | Self::NoObjectNamed { .. } | Self::NoTile { .. } => StatusCode::NOT_FOUND,
             _ => StatusCode::BAD_REQUEST,
@@ -171,7 +174,7 @@ impl IntoResponse for ControlError {
     }
 }
 
-/// Refuses what a page of a stranger may have sent, and bounds the time that the rest takes.
+/// Refuses what a page of a stranger may have sent, and what is too long.
 async fn guard(State(api): State<Api>, request: Request, next: Next) -> Response {
     if let Err(problem) = check_sender(request.headers(), api.reach) {
         return refused(StatusCode::FORBIDDEN, problem);
@@ -181,10 +184,7 @@ async fn guard(State(api): State<Api>, request: Request, next: Next) -> Response
     if let Some(length) = length.filter(|length| *length > MAX_REQUEST_BYTES as u64) {
         return ControlError::TooLong(length as usize).into_response();
     }
-    match tokio::time::timeout(PATIENCE, next.run(request)).await {
-        Ok(response) => response,
-        Err(_) => refused(StatusCode::REQUEST_TIMEOUT, format!("the request took longer than {} s", PATIENCE.as_secs())),
-    }
+    next.run(request).await
 }
 
 /// Names of hosts are a resolver's word, which a page's owner can change at will: only `localhost` and addresses count.
@@ -224,9 +224,26 @@ struct Taken {
     frame: u64,
 }
 
-async fn commands(State(api): State<Api>, body: Bytes) -> Result<Json<Taken>, ControlError> {
-    let commands: Vec<Command> = parse(&body)?;
-    Ok(Json(Taken { frame: in_time(api.submit(&commands)?).await? }))
+async fn commands(State(api): State<Api>, body: Body) -> Response {
+    let body = match tokio::time::timeout(PATIENCE, to_bytes(body, MAX_REQUEST_BYTES)).await {
+        Ok(Ok(body)) => body,
+        Ok(Err(error)) => return refused(StatusCode::PAYLOAD_TOO_LARGE, format!("cannot read the request: {error}")),
+        Err(_) => {
+            let problem = format!("the request took longer than {} s", PATIENCE.as_secs());
+            return refused(StatusCode::REQUEST_TIMEOUT, problem);
+        }
+    };
+    let receipt = parse::<Vec<Command>>(&body).and_then(|commands| api.submit(&commands));
+    let answer = match receipt {
+        Ok(receipt) => receipt.answer().await,
+        Err(error) => Err(error),
+    };
+    match answer {
+        Ok(Answer::Frame(frame)) => Json(Taken { frame }).into_response(),
+        Ok(Answer::Inserted(inserted)) => Json(inserted).into_response(),
+        Ok(_) => refused(StatusCode::INTERNAL_SERVER_ERROR, "another question was answered"),
+        Err(error) => error.into_response(),
+    }
 }
 
 #[derive(Deserialize)]
@@ -265,11 +282,16 @@ fn parse<T: for<'de> Deserialize<'de>>(bytes: &[u8]) -> Result<T, ControlError> 
 
 impl Api {
     /// Queues commands at once; what comes later tells their frame.
-    fn submit(&self, commands: &[Command]) -> Result<oneshot::Receiver<u64>, ControlError> {
+    fn submit(&self, commands: &[Command]) -> Result<Receipt, ControlError> {
+        if let [Command::Insert(insert)] = commands {
+            let (ended, inserted) = oneshot::channel();
+            self.inlet.insert(insert, Box::new(|result| drop(ended.send(result))))?;
+            return Ok(Receipt::Insertion(inserted));
+        }
         let (taken, frame) = oneshot::channel();
         // Whoever asked may be gone when the frame comes.
         self.inlet.submit(commands, Box::new(|number| taken.send(number).unwrap_or_default()))?;
-        Ok(frame)
+        Ok(Receipt::Frame(frame))
     }
 
     async fn why(&self, object: &ObjectKey, tile: &str) -> Result<Answer, ControlError> {
@@ -304,7 +326,7 @@ impl Api {
     /// What it is answered with.
     async fn finish(&self, pending: Pending) -> Event {
         let (id, answer) = match pending {
-            Pending::Commands(id, Ok(frame)) => (id, in_time(frame).await.map(Answer::Frame)),
+            Pending::Commands(id, Ok(receipt)) => (id, receipt.answer().await),
             Pending::Commands(id, Err(error)) => (id, Err(error)),
             Pending::Why(id, question) => (id, self.why(&question.object, &question.tile).await),
             Pending::Tiles(id, object) => (id, self.tiles(&object).await),
@@ -317,9 +339,28 @@ impl Api {
     }
 }
 
+/// What tells what became of commands.
+enum Receipt {
+    Frame(oneshot::Receiver<u64>),
+    Insertion(oneshot::Receiver<Result<Inserted, ControlError>>),
+}
+
+impl Receipt {
+    async fn answer(self) -> Result<Answer, ControlError> {
+        match self {
+            Self::Frame(frame) => in_time(frame).await.map(Answer::Frame),
+            Self::Insertion(inserted) => match tokio::time::timeout(INSERT_PATIENCE, inserted).await {
+                Ok(Ok(result)) => result.map(Answer::Inserted),
+                Ok(Err(_)) => Err(ControlError::Over),
+                Err(_) => Err(ControlError::LateInsertion),
+            },
+        }
+    }
+}
+
 /// A text message on its way to an answer.
 enum Pending {
-    Commands(u64, Result<oneshot::Receiver<u64>, ControlError>),
+    Commands(u64, Result<Receipt, ControlError>),
     Why(u64, Question),
     Tiles(u64, ObjectKey),
     Refused(ControlError),

@@ -10,6 +10,7 @@
 mod board;
 mod check;
 mod driver;
+mod grafter;
 pub mod http;
 mod live_scene;
 mod queue;
@@ -18,6 +19,7 @@ mod why;
 pub use board::Board;
 pub use check::{Change, Checker, ControlError};
 pub use driver::{Clock, Driver};
+pub use grafter::{MAX_INSERTIONS, OnInserted};
 pub use live_scene::LiveScene;
 pub use queue::{Batches, Inlet, MAX_QUEUED, Questions, Subject, channel};
 pub use why::{MAX_LEAVES_TOLD, Snapshot};

@@ -2,17 +2,20 @@
 //!
 //! Bounded by count, and so by bytes: a change has a fixed size. Taking from an empty queue is a few atomic reads.
 
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
-use mullion_common::control::{Command, MAX_MOVES, decode_moves};
+use mullion_common::control::{Command, Insert, MAX_MOVES, decode_moves};
 use mullion_common::scene::{ObjectId, Package};
 use mullion_common::wall::{TileId, Wall};
 
 use super::check::{Change, Checker, ControlError};
+use super::grafter::{Grafter, OnInserted};
 use super::why::Snapshot;
-use crate::service::Succession;
+use crate::library::Library;
+use crate::service::{Offer, Succession};
 
 /// Most changes that wait for a frame, each eye counted.
 pub const MAX_QUEUED: usize = 262_144;
@@ -53,6 +56,8 @@ pub struct Inlet {
     questions: SyncSender<(Subject, OnSnapshot)>,
     queued: Arc<AtomicUsize>,
     succession: Succession,
+    offers: SyncSender<Arc<Offer>>,
+    grafter: Option<Grafter>,
 }
 
 /// Where frames take commands.
@@ -60,6 +65,7 @@ pub struct Batches {
     receiver: Receiver<Batch>,
     queued: Arc<AtomicUsize>,
     succession: Succession,
+    offers: Receiver<Arc<Offer>>,
 }
 
 /// Where frames take questions.
@@ -71,17 +77,38 @@ pub struct Questions {
 pub fn channel(wall: &Arc<Wall>, package: &Arc<Package>) -> (Inlet, Batches, Questions) {
     let (batches, batch_receiver) = sync_channel(MAX_BATCHES);
     let (questions, question_receiver) = sync_channel(MAX_QUESTIONS);
+    let (offers, offer_receiver) = sync_channel(1);
     let queued = Arc::new(AtomicUsize::new(0));
     let checker = Checker::new(Arc::clone(wall), Arc::clone(package));
     let succession = Succession::default();
-    let inlet = Inlet { checker, batches, questions, queued: Arc::clone(&queued), succession: succession.clone() };
-    (inlet, Batches { receiver: batch_receiver, queued, succession }, Questions { receiver: question_receiver })
+    let (queue, heirs) = (Arc::clone(&queued), succession.clone());
+    let inlet = Inlet { checker, batches, questions, queued: queue, succession: heirs, offers, grafter: None };
+    let batches = Batches { receiver: batch_receiver, queued, succession, offers: offer_receiver };
+    (inlet, batches, Questions { receiver: question_receiver })
 }
 
 impl Inlet {
     /// What it checks by.
     pub fn checker(&self) -> &Checker {
         &self.checker
+    }
+
+    /// The same, but what a library holds may be inserted.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn inserting_from(mut self, library: Library) -> io::Result<Self> {
+        self.grafter = Some(Grafter::start(library, self.checker.clone(), self.offers.clone())?);
+        Ok(self)
+    }
+
+    /// Queues an insertion, which takes many frames.
+    ///
+    /// # Errors
+    /// When it cannot be done, or too many wait.
+    pub fn insert(&self, insert: &Insert, on_inserted: OnInserted) -> Result<(), ControlError> {
+        let grafter = self.grafter.as_ref().ok_or(ControlError::NoLibrary)?;
+        grafter.insert(self.checker.insertion(insert)?, on_inserted)
     }
 
     /// Queues commands, all for one frame.
@@ -154,6 +181,11 @@ impl Batches {
 
     pub(super) fn succession(&self) -> &Succession {
         &self.succession
+    }
+
+    /// A scene that has grown, if one is there.
+    pub(super) fn take_offer(&self) -> Option<Arc<Offer>> {
+        self.offers.try_recv().ok()
     }
 }
 

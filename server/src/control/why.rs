@@ -65,7 +65,8 @@ impl Snapshot {
     /// Which tiles see the object or anything below it.
     pub fn seen_by(&self, checker: &Checker) -> SeenBy {
         let (Subject::Tile(object, _) | Subject::Wall(object)) = self.subject;
-        let ranges = &checker.package().scene.objects[object.0 as usize].leaves;
+        let package = checker.package();
+        let ranges = &package.scene.objects[object.0 as usize].leaves;
         let wall = checker.wall();
         let mut tiles: Vec<TileId> = Vec::new();
         for (view, set) in &self.sets {

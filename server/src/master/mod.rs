@@ -9,10 +9,12 @@
 //! ```
 
 mod admission;
+mod epochs;
 mod history;
 mod last_words;
 mod outbox;
 mod rivals;
+mod sessions;
 mod spares;
 mod standbys;
 mod standing;
@@ -23,18 +25,19 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_common::identity::Bearer;
-use mullion_common::scene::{ChunkHash, ObjectId, Presence};
+use mullion_common::scene::{ObjectId, Presence};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 use mullion_common::wire::{
-    ALIVE_EVERY, Budget, Bye, ByeCode, ChunkHello, Course, Frame, Hello, Manifest, Moved, OPENING_LIMIT, Opening,
-    PROTOCOL_VERSION, Part, Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, Steering, ToMaster, ToTile, ViewSpec, Welcome,
-    WireError,
+    ALIVE_EVERY, Budget, Bye, ByeCode, Course, Frame, Hello, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, Pong,
+    SILENCE_LIMIT, SectionRef, Shown, Stats, Steering, ToMaster, ToTile, ViewSpec, Welcome, WireError,
 };
 
 use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, SwapBarrier};
 pub use admission::Admission;
 use admission::Claim;
+use epochs::NextEpoch;
+pub use epochs::{EPOCH_WAIT, EpochError};
 use history::History;
 pub(crate) use last_words::LastWords;
 pub use outbox::{Full, Kind, MAX_QUEUED, MAX_WAITING, Message, Outbox};
@@ -230,6 +233,8 @@ struct Connection {
     heard: Duration,
     said: Duration,
     acked: Option<u64>,
+    /// The newest epoch whose scene it holds, or which it was greeted with.
+    prepared: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -247,6 +252,7 @@ pub struct Master {
     options: MasterOptions,
     admission: Admission,
     epoch: u32,
+    next_epoch: Option<NextEpoch>,
     peers: BTreeMap<PeerId, Peer>,
     nodes: Vec<NodeState>,
     spares: Vec<Spare>,
@@ -283,6 +289,7 @@ impl Master {
             wall,
             admission: Admission::default(),
             epoch: 1,
+            next_epoch: None,
             peers: BTreeMap::new(),
             nodes,
             spares: Vec::new(),
@@ -375,6 +382,7 @@ impl Master {
                 Some(show_now) => {
                     self.outputs.extend(shown.map(|shown| Output::Shown { node, shown }));
                     connection.acked = connection.acked.max(Some(frame));
+                    self.hold_back_unprepared(node);
                     if show_now == ShowNow::Yes {
                         self.send(node, &ToTile::Swap { frame }, Kind::Swap, now);
                     }
@@ -385,6 +393,7 @@ impl Master {
                     self.dismiss(peer, Bye::new(ByeCode::Malformed, reason));
                 }
             },
+            ToMaster::Prepared { epoch } => self.handle_prepared(peer, node, epoch),
             ToMaster::Ping(ping) => {
                 let pong = Pong { at_us: ping.at_us, master_us: now.as_micros() as u64 };
                 self.send(node, &ToTile::Pong(pong), Kind::Alive, now);
@@ -522,7 +531,8 @@ impl Master {
         let index = usize::from(node.0);
         let session = self.new_session();
         self.peers.insert(peer, Peer::Node(node));
-        let connection = Connection { peer, holder, identity, chunk_peer: None, session, heard: now, said: now, acked: None };
+        let (heard, said, prepared) = (now, now, self.epoch);
+        let connection = Connection { peer, holder, identity, chunk_peer: None, session, heard, said, acked: None, prepared };
         self.nodes[index].connection = Some(connection);
         self.barrier.join(node);
         let welcome = Welcome {
@@ -534,38 +544,8 @@ impl Master {
             next_frame: self.next_frame,
         };
         self.send(node, &ToTile::Welcome(welcome), Kind::Control, now);
-        let manifest = Manifest { epoch: self.epoch, sections: self.options.sections.clone() };
-        self.send(node, &ToTile::Manifest(manifest), Kind::Control, now);
+        self.send_manifests(node, now);
         self.send_frame(node, now, &mut |_| {});
-    }
-
-    fn open_chunks(&mut self, peer: PeerId, hello: ChunkHello) {
-        let is_meant = |n: &NodeState| n.connection.as_ref().is_some_and(|c| c.session == hello.session);
-        let Some(index) = self.nodes.iter().position(is_meant) else {
-            return self.dismiss(peer, Bye::new(ByeCode::UnknownSession, "no node here has that session number"));
-        };
-        let holder = self.nodes[index].connection.as_ref().and_then(|c| c.identity.as_ref());
-        if let Err(bye) = self.admit(peer, Claim::ChunksOf(&self.nodes[index].name, holder)) {
-            return self.dismiss(peer, bye);
-        }
-        let Some(connection) = &mut self.nodes[index].connection else { return };
-        let old = connection.chunk_peer.replace(peer);
-        self.peers.insert(peer, Peer::Chunks(NodeIndex(index as u16)));
-        if let Some(old) = old {
-            self.peers.remove(&old);
-            let bye = Bye::new(ByeCode::AlreadyConnected, "a newer chunk connection took its place");
-            self.outputs.push_back(Output::Close { peer: old, bye });
-        }
-        self.outputs.push_back(Output::ServeChunks { peer });
-    }
-
-    fn new_session(&mut self) -> u64 {
-        self.sessions += 1;
-        let mut bytes = [0; 40];
-        bytes[..32].copy_from_slice(&self.options.session_seed);
-        bytes[32..].copy_from_slice(&self.sessions.to_le_bytes());
-        let [a, b, c, d, e, f, g, h, ..] = ChunkHash::of(&bytes).0;
-        u64::from_le_bytes([a, b, c, d, e, f, g, h])
     }
 
     /// Releases the frame that may be released, wants the one that is due.

@@ -49,7 +49,7 @@ impl Master {
                 let pong = Pong { at_us: ping.at_us, master_us: now.as_micros() as u64 };
                 self.send_to_spare(peer, &ToTile::Pong(pong), now);
             }
-            ToMaster::Stats(_) => {}
+            ToMaster::Prepared { .. } | ToMaster::Stats(_) => {}
             ToMaster::Bye(bye) => self.drop_peer(peer, bye.clone()),
         }
     }

@@ -29,6 +29,10 @@ impl Master {
         if let Some(bye) = self.other_show(hello) {
             return self.dismiss(peer, bye);
         }
+        if self.is_growing() {
+            let reason = "the scene of its master grows, and it would have another";
+            return self.dismiss(peer, Bye::new(ByeCode::Refused, reason));
+        }
         // One that is connected again may be heard before its old connection is found to be lost.
         if let Some(silent) = self.standbys.iter().find(|s| now >= s.heard + TAKEOVER_AFTER).map(|s| s.peer) {
             self.dismiss(silent, Bye::new(ByeCode::Timeout, "silent, and another standby took its place"));
@@ -58,7 +62,7 @@ impl Master {
         standby.heard = now;
         match message {
             ToMaster::Ready { frame, .. } => standby.acked = standby.acked.max(Some(frame)),
-            ToMaster::Ping(_) | ToMaster::Stats(_) => {}
+            ToMaster::Prepared { .. } | ToMaster::Ping(_) | ToMaster::Stats(_) => {}
             ToMaster::Bye(bye) => self.drop_peer(peer, bye),
         }
     }

@@ -23,7 +23,7 @@ use crate::tree::regroup::Tree;
 use crate::tree::{WideTree, hierarchy_over};
 
 /// Most leaves in a scene.
-const MAX_LEAVES: u64 = 1 << 28;
+pub(super) const MAX_LEAVES: u64 = 1 << 28;
 /// Meshes divided at a time: their chunks are held twice for that long.
 const MESHES_AT_A_TIME: usize = 256;
 
@@ -307,7 +307,7 @@ fn leaf_bounds(
 
 /// The oriented box of a leaf in the world, grown by the rounding of `clip_from_local` on the GPU: its terms are as
 /// large as the vertices' offsets from the object's origin, which cancel when geometry lies far from it.
-fn world_bound(positions: &[[f32; 3]], local: (Vec3, Vec3), world_from_local: &DAffine3) -> Obb {
+pub(super) fn world_bound(positions: &[[f32; 3]], local: (Vec3, Vec3), world_from_local: &DAffine3) -> Obb {
     let world = positions.iter().map(|p| world_from_local.transform_point3(Vec3::from(*p).as_dvec3()));
     let bound = Obb::around(world).unwrap_or(Obb::of_point(world_from_local.translation));
     let m = world_from_local.matrix3;
@@ -395,7 +395,7 @@ fn name_objects(placed: Vec<Placed>, nodes: &[gltf::SourceNode], leaves: &[LeafR
 }
 
 /// Appends a range that starts at or after the end of the last one.
-fn push_range(ranges: &mut Vec<LeafRange>, range: LeafRange) {
+pub(super) fn push_range(ranges: &mut Vec<LeafRange>, range: LeafRange) {
     match ranges.last_mut() {
         Some(last) if last.end == range.start => last.end = range.end,
         _ => ranges.push(range),

@@ -12,11 +12,13 @@ pub mod bounded;
 mod chunks;
 mod divide;
 pub mod gltf;
+mod graft;
 mod hierarchy;
 mod refine;
 mod statistics;
 
 pub use assemble::prepare;
+pub use graft::{GraftError, Placement, graft};
 pub use statistics::{SceneStatistics, scene_bounds, statistics};
 
 /// Told how far a stage has come: its name, steps done, steps in all. Called from several threads.

@@ -1,9 +1,9 @@
 //! Bytes by their names: the chunks of a package and the sections that tiles need.
 
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock};
 
-use mullion_common::scene::{ChunkHash, ChunkId, Package, SectionKind};
+use mullion_common::scene::{ChunkHash, ChunkId, Package, SceneSize, SectionKind};
 use mullion_common::wire::{MAX_TILE_SECTION_BYTES, SectionRef};
 
 use super::ServiceError;
@@ -14,37 +14,84 @@ enum Place {
     Section(usize),
 }
 
-/// All blobs of a scene. Holds the package by reference, and only the small sections twice.
+/// What a scene has beyond an older, smaller one: names of chunks, and sections of their own.
 #[derive(Debug)]
-pub(super) struct Blobs {
-    package: Arc<Package>,
+pub(super) struct Part {
     sections: Vec<Vec<u8>>,
     places: HashMap<ChunkHash, Place>,
 }
 
-impl Blobs {
+impl Part {
+    /// All that came since a package's scene was so large, and what nodes fetch of it first.
+    ///
     /// # Errors
-    /// When a section is missing, or larger than nodes take.
-    pub fn new(package: Arc<Package>) -> Result<(Self, Vec<SectionRef>), ServiceError> {
-        let mut refs = Vec::new();
-        let mut sections = Vec::new();
-        let chunks = package.scene.manifest.chunks.iter().enumerate();
-        let mut places: HashMap<_, _> = chunks.map(|(i, c)| (c.hash, Place::Chunk(ChunkId(i as u32)))).collect();
+    /// When a section is larger than nodes take.
+    pub fn since(size: SceneSize, package: &Package) -> Result<(Self, Vec<SectionRef>), ServiceError> {
+        let (mut refs, mut sections) = (Vec::new(), Vec::new());
+        let manifest = &package.scene.manifest;
+        let chunks = (0..).zip(&manifest.chunks).skip(size.chunks as usize);
+        let mut places: HashMap<_, _> = chunks.map(|(id, chunk)| (chunk.hash, Place::Chunk(ChunkId(id)))).collect();
         for kind in SectionKind::FOR_TILES {
-            let bytes = package.scene.section_bytes(kind)?;
+            let bytes = manifest.section_since(kind, size)?;
             let length = sendable(kind, bytes.len() as u64)?;
             let hash = ChunkHash::of(&bytes);
             refs.push(SectionRef { kind, hash, length });
             places.insert(hash, Place::Section(sections.len()));
             sections.push(bytes);
         }
-        Ok((Self { package, sections, places }, refs))
+        Ok((Self { sections, places }, refs))
+    }
+}
+
+/// All blobs of a scene that may grow. Holds the package by reference, and only the small sections twice.
+#[derive(Debug)]
+pub(super) struct Blobs {
+    known: RwLock<Known>,
+}
+
+#[derive(Debug)]
+struct Known {
+    package: Arc<Package>,
+    parts: Vec<Arc<Part>>,
+}
+
+/// A blob's bytes, which stay whatever comes.
+#[derive(Debug)]
+pub(super) enum Blob {
+    Chunk(Arc<Package>, ChunkId),
+    Section(Arc<Part>, usize),
+}
+
+impl Blob {
+    pub fn bytes(&self) -> &[u8] {
+        match self {
+            Self::Chunk(package, id) => package.chunk(*id),
+            Self::Section(part, place) => &part.sections[*place],
+        }
+    }
+}
+
+impl Blobs {
+    /// # Errors
+    /// When a section is larger than nodes take.
+    pub fn new(package: Arc<Package>) -> Result<(Self, Vec<SectionRef>), ServiceError> {
+        let (part, refs) = Part::since(SceneSize::default(), &package)?;
+        Ok((Self { known: RwLock::new(Known { package, parts: vec![Arc::new(part)] }) }, refs))
     }
 
-    pub fn get(&self, hash: ChunkHash) -> Option<&[u8]> {
-        Some(match *self.places.get(&hash)? {
-            Place::Chunk(id) => self.package.chunk(id),
-            Place::Section(i) => &self.sections[i],
+    /// Takes a package that grew from the newest one, by that part.
+    pub fn grow(&self, package: Arc<Package>, part: Arc<Part>) {
+        let mut known = self.known.write().unwrap_or_else(PoisonError::into_inner);
+        known.package = package;
+        known.parts.push(part);
+    }
+
+    pub fn get(&self, hash: ChunkHash) -> Option<Blob> {
+        let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
+        let (part, place) = known.parts.iter().find_map(|part| Some((part, *part.places.get(&hash)?)))?;
+        Some(match place {
+            Place::Chunk(id) => Blob::Chunk(Arc::clone(&known.package), id),
+            Place::Section(place) => Blob::Section(Arc::clone(part), place),
         })
     }
 }

@@ -218,7 +218,7 @@ impl Connection {
                 write_all(&mut *writer.lock().await, &buffer).await?;
                 continue;
             };
-            let mut offset = 0;
+            let (blob, mut offset) = (blob.bytes(), 0);
             loop {
                 let bytes = &blob[offset..blob.len().min(offset + PIECE_BYTES)];
                 let piece = Piece { hash, offset: offset as u64, total: blob.len() as u64, bytes };

@@ -5,6 +5,7 @@
 
 mod blobs;
 mod connection;
+mod growth;
 mod mailbox;
 mod network;
 mod pose;
@@ -37,6 +38,7 @@ use crate::master::{Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, M
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
 use blobs::Blobs;
 use connection::{Connection, Event, Role};
+pub use growth::{Insertion, Offer, OfferError, Outcome};
 use mailbox::{Mailbox, Queued};
 pub use network::{Connecting, Connector, Listener, Reader, Socket, Writer};
 pub use pose::Pose;
@@ -298,6 +300,10 @@ struct Service {
     complaints: Complaints,
     /// Where the show stood under the master before.
     inherited: Option<Course>,
+    /// Of the scene that is shown.
+    object_count: usize,
+    /// The scene that nodes are preparing for.
+    offered: Option<Arc<Offer>>,
     show: Show,
 }
 
@@ -369,6 +375,8 @@ impl Service {
             wanted: None,
             complaints: Complaints::default(),
             inherited,
+            object_count: show.package.scene.objects.len(),
+            offered: None,
             show,
         }
     }
@@ -392,7 +400,7 @@ impl Service {
             // In a fixed order, so that a simulation runs the same again; nobody starves: after each turn all that waits is taken.
             let event = tokio::select! {
                 biased;
-                (master, reason) = &mut rival, if self.stands_by_for.is_none() => {
+                (master, reason) = &mut rival, if self.stands_by_for.is_none() && !self.has_grown() => {
                     self.step_back(master, reason);
                     None
                 }
@@ -608,7 +616,8 @@ impl Service {
             pose.moved.splice(..0, before.moved);
             pose.presence.splice(..0, before.presence);
         }
-        if let Err(problem) = pose.check(self.show.wall.views().len(), self.show.package.scene.manifest.transforms.len()) {
+        self.grow(number, &mut pose);
+        if let Err(problem) = pose.check(self.show.wall.views().len(), self.object_count) {
             let fault = ServiceError::Pose { frame: number, problem };
             self.master.handle_shutdown(&Bye::new(ByeCode::Failed, fault.to_string()));
             self.fault = Some(fault);

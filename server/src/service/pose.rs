@@ -1,9 +1,12 @@
 //! Where everything is in a frame, and whether nodes can be told.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DVec3};
 use mullion_common::scene::ObjectId;
 use mullion_common::wire::{Budget, Moved, Steering};
 
+use super::Offer;
 use crate::tree::Presence;
 
 /// Where everything is in one frame.
@@ -28,6 +31,11 @@ pub struct Pose {
     pub budgets: Vec<Budget>,
     /// How commands hold time and room: for masters that stand by.
     pub steering: Steering,
+    /// A scene that has grown from the one that is shown, or will be by the offer before: nodes prepare for it, and the show's cull must
+    /// follow it, as [`LiveScene`](crate::control::LiveScene) does.
+    pub offer: Option<Arc<Offer>>,
+    /// Whether the scene offered last is seen from this frame on. The service's word, not the camera's.
+    pub grows: bool,
 }
 
 impl Pose {

@@ -79,7 +79,7 @@ enum Step {
 }
 
 /// The box fitted around the boxes of a node's children, which stand after it; it must have some.
-pub(super) fn fitted(nodes: &[OhNode], id: usize) -> Obb {
+pub(crate) fn fitted(nodes: &[OhNode], id: usize) -> Obb {
     let end = nodes[id].subtree_end as usize;
     let first = Some(id + 1).filter(|first| *first < end);
     let children = || {

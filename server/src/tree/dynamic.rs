@@ -8,6 +8,9 @@ use mullion_common::scene::{NodeId, ObjectId, Package, Presence, Scene};
 
 use super::{Bounds, CullTree, TreeForm};
 
+/// Greatest number in a transform: what a leaf's box becomes with it stays finite.
+pub const MAX_TRANSFORM: f64 = 1e15;
+
 /// A package's scene with objects that move (Nirnimesh, Harish, Narayanan 2006, section 5).
 ///
 /// Leaves keep their numbers: sets of its tree are sets of the package's leaves.
@@ -21,7 +24,14 @@ pub struct DynamicScene {
     leaves: Vec<u32>,
     /// Of each object, where its leaves start; one more at the end.
     starts: Vec<u32>,
+    /// Objects with leaves that have moved, and where they stand.
+    placed: Vec<(ObjectId, DAffine3)>,
+    /// Of each object, its place in `placed`.
+    place_of: Vec<u32>,
 }
+
+/// Not a place.
+const NONE: u32 = u32::MAX;
 
 impl DynamicScene {
     /// A scene in which everything is where the package has it.
@@ -44,7 +54,8 @@ impl DynamicScene {
             leaves[*place as usize] = leaf;
             *place += 1;
         }
-        Self { tree, nodes, leaves, starts, package }
+        let place_of = vec![NONE; scene.objects.len()];
+        Self { tree, nodes, leaves, starts, placed: Vec::new(), place_of, package }
     }
 
     /// The package, as it was prepared.
@@ -55,6 +66,15 @@ impl DynamicScene {
     /// The tree, to be culled once it is refitted.
     pub fn tree(&self) -> &CullTree {
         &self.tree
+    }
+
+    /// The objects that have moved, in the order in which they first did, and where they stand. Objects without leaves are left out.
+    pub(super) fn placed(&self) -> &[(ObjectId, DAffine3)] {
+        &self.placed
+    }
+
+    pub(super) fn tree_mut(&mut self) -> &mut CullTree {
+        &mut self.tree
     }
 
     /// Brings a form of the tree up to date with all that moved.
@@ -80,6 +100,13 @@ impl DynamicScene {
         let own = &self.leaves[self.starts[at] as usize..self.starts[at + 1] as usize];
         if own.is_empty() {
             return;
+        }
+        match self.placed.get_mut(self.place_of[at] as usize) {
+            Some((_, known)) => *known = *world_from_local,
+            None => {
+                self.place_of[at] = self.placed.len() as u32;
+                self.placed.push((object, *world_from_local));
+            }
         }
         let move_from_rest = *world_from_local * scene.manifest.transforms[at].affine().inverse();
         let is_similarity = is_similarity(&move_from_rest);

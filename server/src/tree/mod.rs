@@ -1,6 +1,7 @@
 //! The trees that the cull walks, and how they follow what moves.
 
 mod build;
+mod carry;
 mod dynamic;
 mod file;
 mod paths;
@@ -19,8 +20,10 @@ use mullion_common::geometry::{Aabb, Obb};
 use mullion_common::scene::{NodeId, ObjectHierarchy};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
+pub(crate) use build::fitted;
 pub use build::hierarchy_over;
-pub use dynamic::DynamicScene;
+pub use carry::CarryOver;
+pub use dynamic::{DynamicScene, MAX_TRANSFORM};
 pub use file::FileTree;
 pub use mullion_common::scene::Presence;
 use paths::{ALL_LANES, Paths};
@@ -290,7 +293,7 @@ impl CullTree {
                     edits.hierarchy_paths.above(at).into_iter().for_each(|above| edits.hierarchy_paths.mark(above, 0));
                     if !hierarchy.is_leaf(NodeId(at)) {
                         let bound = match self.bounds {
-                            Bounds::Obb => build::fitted(hierarchy.nodes(), at as usize),
+                            Bounds::Obb => fitted(hierarchy.nodes(), at as usize),
                             Bounds::Aabb | Bounds::Hybrid => {
                                 let children = hierarchy.children(NodeId(at)).map(|child| hierarchy.node(child).bound.aabb());
                                 children.fold(Aabb::EMPTY, |all, b| all.union(&b)).into()

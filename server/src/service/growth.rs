@@ -1,0 +1,180 @@
+//! A scene that grows while it is shown.
+//!
+//! ```text
+//! Offer::new, elsewhere → Pose::offer → begin_epoch … nodes prepare; the show's cull follows along … → Pose::grows → enter_epoch
+//! ```
+//! What is dear is done before, on another thread: the joined package, its tree, the bytes that nodes fetch.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use glam::DAffine3;
+use mullion_common::scene::{ChunkHash, ObjectId, Package, PackageError};
+use mullion_common::wire::SectionRef;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::blobs::Part;
+use super::{Pose, Service, ServiceError};
+use crate::library::content_hash;
+use crate::prepare::{GraftError, Placement, graft};
+use crate::tree::{Bounds, DynamicScene};
+
+/// What is inserted into a scene, and where.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Insertion {
+    /// The package's name in the library.
+    pub package: String,
+    /// What it holds: [`content_hash`].
+    pub hash: ChunkHash,
+    /// The object that it becomes part of.
+    pub under: Option<ObjectId>,
+    /// Where the package's world is in the scene's: three columns, then the translation.
+    pub world_from_root: [f64; 12],
+}
+
+/// What became of an offer.
+#[derive(Debug)]
+pub enum Outcome {
+    /// It is seen from this frame on.
+    Begun(u64),
+    /// It is not, for a reason of one line.
+    Refused(String),
+    /// The scene before: its memory takes time to be given back.
+    Retired(Box<DynamicScene>),
+}
+
+/// Why there is nothing to offer.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum OfferError {
+    #[error(transparent)]
+    Graft(#[from] GraftError),
+    #[error(transparent)]
+    Package(#[from] PackageError),
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+}
+
+/// A scene that has grown, ready to be shown in the place of the one that it grew from.
+pub struct Offer {
+    insertion: Insertion,
+    package: Arc<Package>,
+    objects: Range<u32>,
+    part: Arc<Part>,
+    sections: Vec<SectionRef>,
+    scene: Mutex<Option<DynamicScene>>,
+    is_followed: AtomicBool,
+    outcomes: Sender<Outcome>,
+}
+
+impl Offer {
+    /// Joins `added` to the scene that is shown. Takes long. What becomes of it comes to the receiver; nothing does where the show ends.
+    ///
+    /// # Errors
+    /// When the two cannot be joined, or what is new is larger than nodes take.
+    pub fn new(
+        base: &Package,
+        added: &Package,
+        name: &str,
+        under: Option<ObjectId>,
+        world_from_root: DAffine3,
+    ) -> Result<(Self, Receiver<Outcome>), OfferError> {
+        let before = base.scene.manifest.size();
+        let package = Arc::new(graft(base, added, &Placement { name: name.to_owned(), under, world_from_root })?);
+        let (part, sections) = Part::since(before, &package)?;
+        let (outcomes, receiver) = channel();
+        let insertion = Insertion {
+            package: name.to_owned(),
+            hash: content_hash(added)?,
+            under,
+            world_from_root: world_from_root.to_cols_array(),
+        };
+        let offer = Self {
+            insertion,
+            objects: before.new_objects(&package.scene.manifest.size()),
+            part: Arc::new(part),
+            sections,
+            scene: Mutex::new(Some(DynamicScene::new(Arc::clone(&package), Bounds::default()))),
+            is_followed: AtomicBool::new(false),
+            outcomes,
+            package,
+        };
+        Ok((offer, receiver))
+    }
+
+    /// What is inserted.
+    pub fn insertion(&self) -> &Insertion {
+        &self.insertion
+    }
+
+    /// The whole scene, with what is inserted.
+    pub fn package(&self) -> &Arc<Package> {
+        &self.package
+    }
+
+    /// The numbers of the objects that are new; the first stands above the others.
+    pub fn objects(&self) -> Range<u32> {
+        self.objects.clone()
+    }
+
+    /// The scene as it was prepared; once.
+    pub fn take_scene(&self) -> Option<DynamicScene> {
+        self.scene.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// All that was done to the scene before is done to this one, too, and goes on being so: it may be shown.
+    pub fn note_followed(&self) {
+        self.is_followed.store(true, Ordering::Relaxed);
+    }
+
+    /// Tells what became of it, whoever still wants to know.
+    pub fn tell(&self, outcome: Outcome) {
+        let _ = self.outcomes.send(outcome);
+    }
+}
+
+impl PartialEq for Offer {
+    fn eq(&self, other: &Self) -> bool {
+        self.insertion == other.insertion
+    }
+}
+
+impl fmt::Debug for Offer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Offer").field("insertion", &self.insertion).field("objects", &self.objects).finish_non_exhaustive()
+    }
+}
+
+impl Service {
+    /// Whether it shows more than it began with. Then there is no stepping back: no other master shows the same.
+    pub(super) fn has_grown(&self) -> bool {
+        self.object_count != self.show.package.scene.objects.len()
+    }
+
+    /// Tells nodes of what a frame's pose offers, and lets the scene that was offered begin with this frame, if all are prepared for it.
+    pub(super) fn grow(&mut self, number: u64, pose: &mut Pose) {
+        let now = self.now();
+        if let Some(offer) = pose.offer.take() {
+            match self.master.begin_epoch(&offer.sections, now) {
+                Ok(()) => {
+                    self.blobs.grow(Arc::clone(&offer.package), Arc::clone(&offer.part));
+                    self.offered = Some(Arc::clone(&offer));
+                    pose.offer = Some(offer);
+                }
+                Err(error) => offer.tell(Outcome::Refused(error.to_string())),
+            }
+        }
+        let is_due = |offer: &mut Arc<Offer>| offer.is_followed.load(Ordering::Relaxed) && self.master.is_epoch_due(now);
+        let begins = self.offered.take_if(is_due);
+        pose.grows = begins.is_some();
+        if let Some(offer) = begins {
+            self.master.enter_epoch();
+            self.object_count = offer.package.scene.objects.len();
+            offer.tell(Outcome::Begun(number));
+        }
+    }
+}

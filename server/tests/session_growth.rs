@@ -1,0 +1,261 @@
+//! Goal: a scene grows on all nodes with one frame, as soon as those that are waited for hold what is new, and whoever does not is no
+//! burden on the others.
+//! Method: the master alone, driven message by message on virtual time.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use glam::{DAffine3, DVec3};
+use mullion_common::scene::{ChunkHash, ObjectId, SectionKind, Transform};
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::{Wall, WallConfig};
+use mullion_common::wire::{
+    ByeCode, Frame, Hello, MAX_PARTS, Manifest, Moved, Opening, Part, SectionRef, StandbyHello, Steering, ToMaster, ToTile,
+    body_of,
+};
+use mullion_server::master::{EPOCH_WAIT, EpochError, FrameInput, Master, MasterOptions, Output, Pace, PeerId};
+use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
+
+const A: PeerId = PeerId(1);
+const B: PeerId = PeerId(2);
+const LATE: PeerId = PeerId(3);
+const STANDBY: PeerId = PeerId(4);
+const PERIOD: Duration = Duration::from_millis(10);
+
+fn wall() -> Arc<Wall> {
+    let text = "[grid]\ncolumns = 3\nrows = 1\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\n";
+    Arc::new(WallConfig::parse(text).unwrap())
+}
+
+fn part(name: u8) -> [SectionRef; 4] {
+    SectionKind::FOR_TILES.map(|kind| SectionRef { kind, hash: ChunkHash([name; 32]), length: 40 })
+}
+
+/// A master on its own clock, which a frame moves on by its period.
+struct Show {
+    master: Master,
+    now: Duration,
+    next: u64,
+    outputs: Vec<Output>,
+}
+
+impl Show {
+    fn new() -> Self {
+        let barrier = BarrierOptions { wait: Duration::from_millis(8), start_wait: Duration::ZERO, start_nodes: vec![] };
+        let options = MasterOptions {
+            barrier,
+            pace: Pace::Every(PERIOD),
+            first_frame: 0,
+            frames: None,
+            sections: part(0).into(),
+            session_seed: [1; 32],
+        };
+        let master = Master::new(wall(), options, Duration::ZERO);
+        Self { master, now: Duration::ZERO, next: 0, outputs: Vec::new() }
+    }
+
+    fn take(&mut self) -> Vec<Output> {
+        std::iter::from_fn(|| self.master.poll_output()).collect()
+    }
+
+    fn join(&mut self, peer: PeerId, node: &str) -> Vec<ToTile> {
+        self.master.handle_connected(peer, self.now);
+        let hello = Hello { node: node.into(), part: Part::Own, credentials: None, cached: vec![] };
+        self.master.handle_opening(peer, Opening::Control(hello), self.now);
+        sent(&self.take(), peer)
+    }
+
+    fn say(&mut self, peer: PeerId, message: ToMaster) -> Vec<Output> {
+        self.master.handle_message(peer, message, self.now);
+        self.take()
+    }
+
+    /// Begins the next frame, of the next epoch where that is due, and has these nodes draw it. Whom each frame was sent to comes back with it.
+    fn frame(&mut self, ready: &[PeerId]) -> Vec<(PeerId, Frame)> {
+        self.now = PERIOD * self.next as u32;
+        self.master.handle_timeout(self.now);
+        if self.master.is_epoch_due(self.now) {
+            self.master.enter_epoch();
+        }
+        let at = |x: f64| Moved { object: ObjectId(0), transform: Transform::from(DAffine3::from_translation(DVec3::X * x)) };
+        let input = FrameInput {
+            number: self.next,
+            scene_time_s: 0.0,
+            world_from_room: DAffine3::IDENTITY,
+            eyes: &[DVec3::Z; 3],
+            shared_eye: DVec3::Z,
+            sets: &[VisibleSet::all(5), VisibleSet::all(self.next as u32 % 7), VisibleSet::default()],
+            moved: &if self.next == 0 { vec![at(3.0)] } else { vec![] },
+            budgets: &[],
+            presence: &[],
+            steering: Steering::default(),
+        };
+        self.master.begin_frame(&input, self.now, &mut |_| {});
+        let frame = self.next;
+        self.next += 1;
+        let mut outputs = self.take();
+        for peer in ready {
+            outputs.extend(self.say(*peer, ToMaster::Ready { frame, shown: None }));
+        }
+        // Over, whoever is ready.
+        self.master.handle_timeout(self.now + Duration::from_millis(8));
+        outputs.extend(self.take());
+        let frames = [A, B, LATE].into_iter().flat_map(|peer| {
+            let of_peer = sent(&outputs, peer).into_iter().filter_map(move |message| match message {
+                ToTile::Frame(frame) => Some((peer, frame)),
+                _ => None,
+            });
+            of_peer.collect::<Vec<_>>()
+        });
+        let frames = frames.collect();
+        self.outputs = outputs;
+        frames
+    }
+
+    fn passed_over(&self) -> Vec<NodeIndex> {
+        self.outputs
+            .iter()
+            .find_map(|o| if let Output::FrameReleased(r) = o { Some(r.passed_over.clone()) } else { None })
+            .unwrap()
+    }
+
+    fn released_at_once(&self) -> bool {
+        self.outputs.iter().any(|o| matches!(o, Output::FrameReleased(r) if r.waited == Duration::ZERO))
+    }
+}
+
+fn sent(outputs: &[Output], to: PeerId) -> Vec<ToTile> {
+    let messages = outputs.iter().filter_map(|o| match o {
+        Output::Send { peer, message } if *peer == to => ToTile::decode(body_of(&message.bytes)).ok(),
+        _ => None,
+    });
+    messages.collect()
+}
+
+fn closed(outputs: &[Output], which: PeerId) -> Option<ByeCode> {
+    outputs.iter().find_map(|o| match o {
+        Output::Close { peer, bye } if *peer == which => Some(bye.code),
+        _ => None,
+    })
+}
+
+/// Two live nodes that have drawn frame 1, and were told of epoch 2.
+fn growing() -> Show {
+    let mut show = Show::new();
+    show.join(A, "t0x0");
+    show.join(B, "t1x0");
+    show.frame(&[A, B]);
+    show.frame(&[A, B]);
+    show.master.begin_epoch(&part(1), show.now).unwrap();
+    let outputs = show.take();
+    let whole = Manifest { epoch: 2, sections: [part(0), part(1)].concat() };
+    for peer in [A, B] {
+        assert_eq!(sent(&outputs, peer), [ToTile::Manifest(whole.clone())]);
+    }
+    show
+}
+
+#[test]
+fn an_epoch_begins_when_all_live_nodes_are_prepared_and_deltas_go_on() {
+    let mut show = growing();
+    assert!(show.frame(&[A, B]).iter().all(|(_, frame)| frame.epoch == 1));
+    show.say(A, ToMaster::Prepared { epoch: 2 });
+    assert!(show.frame(&[A, B]).iter().all(|(_, frame)| frame.epoch == 1), "B is waited for");
+    show.say(B, ToMaster::Prepared { epoch: 2 });
+    let frames = show.frame(&[A, B]);
+    assert_eq!(frames.len(), 2);
+    for (_, frame) in &frames {
+        assert_eq!((frame.number, frame.epoch, frame.base, frame.moved.len()), (4, 2, Some(3), 0));
+    }
+    assert!(show.released_at_once() && show.passed_over().is_empty(), "nobody waits for it");
+    let messages = show.join(LATE, "t2x0");
+    let [ToTile::Welcome(_), ToTile::Manifest(manifest), ToTile::Frame(frame)] = &messages[..] else { panic!("{messages:?}") };
+    assert_eq!((manifest.epoch, manifest.sections.len(), frame.epoch, frame.moved.len()), (2, 8, 2, 1));
+}
+
+#[test]
+fn a_node_that_is_never_prepared_is_passed_by_and_costs_nobody_a_wait() {
+    let mut show = growing();
+    show.say(A, ToMaster::Prepared { epoch: 2 });
+    let began = show.now;
+    let first = loop {
+        let frames = show.frame(&[A, B]);
+        if frames[0].1.epoch == 2 {
+            break show.now;
+        }
+        assert!(show.released_at_once());
+    };
+    assert!((EPOCH_WAIT..EPOCH_WAIT + PERIOD * 2).contains(&(first - began)), "{first:?}");
+    assert_eq!(show.master.standing(NodeIndex(1)), Standing::Trying);
+    // It draws none of the new frames, and says something of an old one: nothing waits for it.
+    for _ in 0..3 {
+        let old = show.next - 3;
+        show.frame(&[A]);
+        assert!(show.released_at_once() && show.passed_over().is_empty());
+        show.say(B, ToMaster::Ready { frame: old, shown: None });
+        assert_eq!(show.master.standing(NodeIndex(1)), Standing::Trying);
+    }
+    show.say(B, ToMaster::Prepared { epoch: 2 });
+    show.frame(&[A, B]);
+    assert_eq!(show.master.standing(NodeIndex(1)), Standing::Live, "it is back with its first frame");
+}
+
+#[test]
+fn who_joins_or_comes_back_meanwhile_is_told_of_both_epochs_and_not_waited_for() {
+    let mut show = growing();
+    let messages = show.join(LATE, "t2x0");
+    let [ToTile::Welcome(_), ToTile::Manifest(now), ToTile::Manifest(next), ToTile::Frame(frame)] = &messages[..] else {
+        panic!("{messages:?}")
+    };
+    assert_eq!((now.epoch, now.sections.len(), next.epoch, next.sections.len(), frame.epoch), (1, 4, 2, 8, 1));
+    show.master.handle_disconnected(B, show.now);
+    let again = PeerId(9);
+    assert_eq!(show.join(again, "t1x0").len(), 4);
+    show.say(A, ToMaster::Prepared { epoch: 2 });
+    let frames = show.frame(&[A]);
+    assert_eq!(frames.iter().map(|(peer, frame)| (*peer, frame.epoch)).collect::<Vec<_>>(), [(A, 2), (LATE, 2)]);
+    assert!(show.released_at_once());
+    // One that is prepared later becomes live like any other.
+    show.say(LATE, ToMaster::Prepared { epoch: 2 });
+    show.frame(&[A, LATE]);
+    assert_eq!([0, 1, 2].map(|node| show.master.standing(NodeIndex(node))), [Standing::Live, Standing::Trying, Standing::Live]);
+}
+
+#[test]
+fn one_growth_at_a_time_and_no_more_than_there_may_be() {
+    let mut show = growing();
+    assert_eq!(show.master.begin_epoch(&part(2), show.now), Err(EpochError::Busy));
+    assert_eq!(closed(&show.say(A, ToMaster::Prepared { epoch: 3 }), A), Some(ByeCode::Malformed), "nobody told it of that");
+    show.say(B, ToMaster::Prepared { epoch: 2 });
+    show.frame(&[]);
+    show.master.handle_disconnected(B, show.now);
+    for epoch in 2..MAX_PARTS {
+        assert_eq!(show.master.begin_epoch(&part(2), show.now), Ok(()), "epoch {epoch}");
+        show.frame(&[]);
+    }
+    assert_eq!(show.master.begin_epoch(&part(2), show.now), Err(EpochError::TooMany));
+    let messages = show.join(LATE, "t2x0");
+    assert!(matches!(&messages[1], ToTile::Manifest(manifest) if manifest.sections.len() == 4 * MAX_PARTS));
+}
+
+#[test]
+fn a_standby_and_a_growing_scene_shut_each_other_out() {
+    let hello = |parts: &[[SectionRef; 4]]| Opening::Standby(StandbyHello::of(&wall(), &parts.concat()).unwrap());
+    let mut show = Show::new();
+    show.join(A, "t0x0");
+    let greet = |show: &mut Show, parts: &[[SectionRef; 4]]| {
+        show.master.handle_connected(STANDBY, show.now);
+        show.master.handle_opening(STANDBY, hello(parts), show.now);
+        closed(&show.take(), STANDBY)
+    };
+    assert_eq!(greet(&mut show, &[part(0)]), None);
+    assert_eq!(show.master.begin_epoch(&part(1), show.now), Err(EpochError::Standby));
+    assert!(sent(&show.take(), A).is_empty(), "nobody is told");
+    show.master.handle_disconnected(STANDBY, show.now);
+    show.master.begin_epoch(&part(1), show.now).unwrap();
+    show.take();
+    assert_eq!(greet(&mut show, &[part(0)]), Some(ByeCode::Refused), "it would soon have another scene");
+    show.frame(&[]);
+    assert_eq!(greet(&mut show, &[part(0)]), Some(ByeCode::Refused));
+    assert_eq!(greet(&mut show, &[part(0), part(1)]), None, "one that has the same scene may");
+}
