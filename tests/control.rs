@@ -2,15 +2,18 @@
 //! Method: a service and the control API on loopback, steered with the client crate and with bytes that no client sends. Nothing
 //! sleeps to synchronise; every wait ends.
 
+#[path = "support/memory_file.rs"]
+mod memory_file;
 mod session_support;
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::sync::{Arc, Mutex, mpsc};
+use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::Duration;
 
 use glam::{DAffine3, DQuat, DVec3};
+use memory_file::MemoryFile;
 use mullion_common::camera_path::{CameraPath, CameraPose};
 use mullion_common::visible_set::VisibleSet;
 use mullion_control::{
@@ -27,21 +30,6 @@ use session_support::{OBJECTS, package, wall};
 const PATIENCE: Duration = Duration::from_secs(60);
 const LEAVES: u32 = 40;
 
-/// A file that tests can look into.
-#[derive(Clone, Default)]
-struct Shared(Arc<Mutex<Vec<u8>>>);
-
-impl Write for Shared {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.0.lock().unwrap().extend_from_slice(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
-
 /// Runs a show that `steer` steers, and gives back its record.
 fn steered(steer: impl FnOnce(SocketAddr)) -> Vec<u8> {
     let (wall, package) = (wall(2, 1), package(LEAVES));
@@ -55,7 +43,7 @@ fn steered(steer: impl FnOnce(SocketAddr)) -> Vec<u8> {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     let server = http::start(listener, inlet, Arc::clone(&board), reader, Reach::Loopback).unwrap();
-    let record = Shared::default();
+    let record = MemoryFile::default();
     let header = Header::of(&wall, &package, Algorithm::Sweep.name(), 250.0, "test").unwrap();
     let mut recorder = Recorder::start(record.clone(), &header).unwrap();
     let (stop, stopped) = tokio::sync::watch::channel(false);
@@ -82,7 +70,7 @@ fn steered(steer: impl FnOnce(SocketAddr)) -> Vec<u8> {
     stop.send_replace(true);
     end.recv_timeout(PATIENCE).expect("the show ends in time").expect("the show goes on to its end");
     drop(server);
-    record.0.lock().unwrap().clone()
+    record.bytes()
 }
 
 /// Culls a record again: how many frames, and how it ended.

@@ -3,16 +3,18 @@
 //! Method: a service with a library, the client crate, nodes that hold every set against the master's digest, all on loopback. Nothing
 //! sleeps to synchronise; every wait ends.
 
+#[path = "support/memory_file.rs"]
+mod memory_file;
 mod session_support;
 
-use std::io::Write;
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
-use std::sync::{Arc, Mutex, mpsc};
+use std::sync::{Arc, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use glam::{DAffine3, DQuat, DVec3};
+use memory_file::MemoryFile;
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{Connector, NodeError, NodeOptions, Reconnect, Security};
 use mullion_client::protocol_node::{self, ProtocolReport};
@@ -34,21 +36,6 @@ use session_support::{OBJECTS, package, wall};
 const PATIENCE: Duration = Duration::from_secs(60);
 const LEAVES: u32 = 40;
 const RATE_HZ: f64 = 100.0;
-
-/// A file that tests can look into.
-#[derive(Clone, Default)]
-struct Shared(Arc<Mutex<Vec<u8>>>);
-
-impl Write for Shared {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.0.lock().unwrap().extend_from_slice(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
 
 type NodeThread = JoinHandle<Result<ProtocolReport, NodeError>>;
 
@@ -75,7 +62,7 @@ fn steered<T>(library: Option<&Path>, steer: impl FnOnce(Addresses) -> T) -> (Ve
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let control = listener.local_addr().unwrap();
     let server = http::start(listener, inlet, Arc::clone(&board), reader, Reach::Loopback).unwrap();
-    let record = Shared::default();
+    let record = MemoryFile::default();
     let header = Header::of(&wall, &package, Algorithm::Sweep.name(), RATE_HZ, "test").unwrap();
     let mut recorder = Recorder::start(record.clone(), &header).unwrap();
     let (stop, stopped) = tokio::sync::watch::channel(false);
@@ -104,7 +91,7 @@ fn steered<T>(library: Option<&Path>, steer: impl FnOnce(Addresses) -> T) -> (Ve
     stop.send_replace(true);
     let report = end.recv_timeout(PATIENCE).expect("the show ends in time").expect("the show goes on to its end");
     drop(server);
-    let record = record.0.lock().unwrap().clone();
+    let record = record.bytes();
     (record, report, result)
 }
 

@@ -30,6 +30,7 @@ use mullion_common::wire::{Bye, ByeCode, Moved, Opening, PROTOCOL_VERSION, Secti
 use mullion_server::master::{FrameInput, FrameReleased, Kind, Master, MasterOptions, Outbox, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 use session_support::random::Random;
+use session_support::seeds::{seeds, small_wall};
 use session_support::{OBJECTS, chunks_of, package, transform, visible, wall};
 
 const LEAVES: u32 = 200;
@@ -640,19 +641,6 @@ impl Sim {
         assert!(self.deltas > frames, "{} deltas in {frames} frames", self.deltas);
         assert!(self.shows_told > frames && self.shows_told <= self.shows, "{} of {} told", self.shows_told, self.shows);
     }
-}
-
-fn seeds() -> Vec<u64> {
-    let number = |name: &str| std::env::var(name).ok().and_then(|v| v.parse::<u64>().ok());
-    match number("MULLION_SIM_SEED") {
-        Some(seed) => vec![seed],
-        None => (0..number("MULLION_SIM_SEEDS").unwrap_or(100)).collect(),
-    }
-}
-
-/// Columns and rows of a wall of 8 to 16 nodes.
-fn small_wall(seed: u64) -> [u32; 2] {
-    [[4, 2], [3, 3], [5, 2], [4, 3], [7, 2], [5, 3], [4, 4]][(seed % 7) as usize]
 }
 
 /// Runs each seed on its wall; sums up how many chunks were evicted.

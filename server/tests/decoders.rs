@@ -1,15 +1,16 @@
 //! Goal: no file that claims to be a record, and no list of moves from outside, makes the master's decoders panic or take more memory than
 //! what is there calls for. Method and longer runs as in the common crate's `tests/decoders.rs`.
 
+#[path = "../../tests/support/memory_file.rs"]
+mod memory_file;
 #[path = "../../common/tests/spoiled/mod.rs"]
 mod spoiled;
 
 use std::hint::black_box;
-use std::io::{self, Write};
-use std::sync::{Arc, Mutex};
 
 use bolero::check;
 use glam::{DAffine3, DVec3};
+use memory_file::MemoryFile;
 use mullion_common::control::{decode_moves, encode_moves};
 use mullion_common::scene::ObjectId;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
@@ -19,20 +20,6 @@ use mullion_server::service::Pose;
 use mullion_server::tree::Presence;
 use spoiled::Spoiled;
 
-/// A file in memory that two can hold.
-#[derive(Clone, Default)]
-struct Shared(Arc<Mutex<Vec<u8>>>);
-
-impl Write for Shared {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.lock().unwrap().write(bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
 fn moved(object: u32) -> Moved {
     Moved { object: ObjectId(object), transform: DAffine3::from_translation(DVec3::splat(f64::from(object))).into() }
 }
@@ -40,7 +27,7 @@ fn moved(object: u32) -> Moved {
 /// A whole record of three frames, with something in every list.
 fn record() -> Vec<u8> {
     let header = Header { scene: [1; 32], wall: [2; 32], algorithm: "sweep".into(), rate_hz: 60.0, path: "orbit".into() };
-    let file = Shared::default();
+    let file = MemoryFile::default();
     let mut recorder = Recorder::start(file.clone(), &header).unwrap();
     let pose = Pose {
         eyes: vec![DVec3::Z, DVec3::X],
@@ -51,7 +38,7 @@ fn record() -> Vec<u8> {
     };
     (0..3).for_each(|_| recorder.note(&pose, &[VisibleSet::from_ranges([LeafRange::new(1, 4)])]));
     drop(recorder);
-    file.0.lock().unwrap().clone()
+    file.bytes()
 }
 
 /// Reads all of it; gives how many frames it had.

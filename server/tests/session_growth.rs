@@ -2,6 +2,8 @@
 //! burden on the others.
 //! Method: the master alone, driven message by message on virtual time.
 
+mod outputs;
+
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -11,10 +13,10 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
     ByeCode, Frame, Hello, MAX_PARTS, Manifest, Moved, Opening, Part, SectionRef, StandbyHello, Steering, ToMaster, ToTile,
-    body_of,
 };
 use mullion_server::master::{EPOCH_WAIT, EpochError, FrameInput, Master, MasterOptions, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
+use outputs::{closed, sent};
 
 const A: PeerId = PeerId(1);
 const B: PeerId = PeerId(2);
@@ -122,21 +124,6 @@ impl Show {
     fn released_at_once(&self) -> bool {
         self.outputs.iter().any(|o| matches!(o, Output::FrameReleased(r) if r.waited == Duration::ZERO))
     }
-}
-
-fn sent(outputs: &[Output], to: PeerId) -> Vec<ToTile> {
-    let messages = outputs.iter().filter_map(|o| match o {
-        Output::Send { peer, message } if *peer == to => ToTile::decode(body_of(&message.bytes)).ok(),
-        _ => None,
-    });
-    messages.collect()
-}
-
-fn closed(outputs: &[Output], which: PeerId) -> Option<ByeCode> {
-    outputs.iter().find_map(|o| match o {
-        Output::Close { peer, bye } if *peer == which => Some(bye.code),
-        _ => None,
-    })
 }
 
 /// Two live nodes that have drawn frame 1, and were told of epoch 2.

@@ -1,6 +1,8 @@
 //! Goal: what one peer does, or leaves undone, ends that peer's connection and nothing else.
 //! Method: the master alone, driven message by message on virtual time.
 
+mod outputs;
+
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -14,6 +16,7 @@ use mullion_common::wire::{
 };
 use mullion_server::master::{Admission, FrameInput, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, TAKEOVER_AFTER};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
+use outputs::{closed, sent};
 
 const A: PeerId = PeerId(1);
 const B: PeerId = PeerId(2);
@@ -38,22 +41,6 @@ fn hello(node: &str) -> Opening {
 
 fn outputs(master: &mut Master) -> Vec<Output> {
     std::iter::from_fn(|| master.poll_output()).collect()
-}
-
-/// What was sent to a peer.
-fn sent(outputs: &[Output], to: PeerId) -> Vec<ToTile> {
-    let messages = outputs.iter().filter_map(|o| match o {
-        Output::Send { peer, message } if *peer == to => Some(ToTile::decode(body_of(&message.bytes)).unwrap()),
-        _ => None,
-    });
-    messages.collect()
-}
-
-fn closed(outputs: &[Output], which: PeerId) -> Option<ByeCode> {
-    outputs.iter().find_map(|o| match o {
-        Output::Close { peer, bye } if *peer == which => Some(bye.code),
-        _ => None,
-    })
 }
 
 fn begin(master: &mut Master, number: u64, now: Duration) {

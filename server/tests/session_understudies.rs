@@ -1,6 +1,8 @@
 //! Goal: a spare fills a place that is empty and gives it back; a standby knows where the show stands, and only of its own show.
 //! Method: the master alone, driven message by message on virtual time.
 
+mod outputs;
+
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -11,13 +13,14 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
     ALIVE_EVERY, Budget, ByeCode, ChunkHello, Course, Hello, Moved, Opening, Part, Ping, RivalHello, SILENCE_LIMIT, StandbyHello,
-    Stats, Steering, ToMaster, ToStandby, ToTile, body_of,
+    Stats, Steering, ToMaster, ToStandby, ToTile,
 };
 use mullion_server::master::{
     Admission, FrameInput, MAX_STANDBYS, Master, MasterOptions, Output, Pace, PeerId, SPARE_AFTER, TAKEOVER_AFTER,
     TELL_STANDBYS_EVERY,
 };
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
+use outputs::{bodies, closed, sent};
 
 const NODE: PeerId = PeerId(1);
 const OTHER: PeerId = PeerId(2);
@@ -44,31 +47,12 @@ fn outputs(master: &mut Master) -> Vec<Output> {
     std::iter::from_fn(|| master.poll_output()).collect()
 }
 
-fn bodies(outputs: &[Output], to: PeerId) -> Vec<&[u8]> {
-    let bodies = outputs.iter().filter_map(|o| match o {
-        Output::Send { peer, message } if *peer == to => Some(body_of(&message.bytes)),
-        _ => None,
-    });
-    bodies.collect()
-}
-
-fn sent(outputs: &[Output], to: PeerId) -> Vec<ToTile> {
-    bodies(outputs, to).into_iter().map(|body| ToTile::decode(body).unwrap()).collect()
-}
-
 fn courses(outputs: &[Output]) -> Vec<Course> {
     let courses = bodies(outputs, STANDBY).into_iter().map(|body| match ToStandby::decode(body).unwrap() {
         ToStandby::Course(course) => *course,
         other => panic!("{other:?}"),
     });
     courses.collect()
-}
-
-fn closed(outputs: &[Output], which: PeerId) -> Option<ByeCode> {
-    outputs.iter().find_map(|o| match o {
-        Output::Close { peer, bye } if *peer == which => Some(bye.code),
-        _ => None,
-    })
 }
 
 fn join(master: &mut Master, peer: PeerId, node: &str, part: Part, now: Duration) -> Vec<Output> {

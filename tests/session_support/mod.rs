@@ -3,6 +3,7 @@
 
 #[path = "../support/random.rs"]
 pub mod random;
+pub mod seeds;
 
 use std::sync::Arc;
 

@@ -27,6 +27,7 @@ mod villains;
 use std::time::Duration;
 
 use plan::{Blow, Plan};
+use session_support::seeds::{seeds, small_wall};
 use stage::{Outcome, play};
 
 /// How soon a node that is connected, and to which nothing happens any more, shows what the others show.
@@ -34,19 +35,6 @@ const BACK_WITHIN: Duration = Duration::from_secs(1);
 
 fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
-}
-
-fn seeds() -> Vec<u64> {
-    let number = |name: &str| std::env::var(name).ok().and_then(|v| v.parse::<u64>().ok());
-    match number("MULLION_SIM_SEED") {
-        Some(seed) => vec![seed],
-        None => (0..number("MULLION_SIM_SEEDS").unwrap_or(100)).collect(),
-    }
-}
-
-/// Columns and rows of a wall of 8 to 16 nodes.
-fn small_wall(seed: u64) -> [u32; 2] {
-    [[4, 2], [3, 3], [5, 2], [4, 3], [7, 2], [5, 3], [4, 4]][(seed % 7) as usize]
 }
 
 /// Plays each seed on its wall; adds up what happened.
