@@ -1,7 +1,8 @@
 //! The swap barrier: when a frame may be shown. Pure; time is a `Duration` since any fixed start.
 //!
 //! A frame is released once every *live* node is ready with it, or once the wait is over. A live node that is not ready
-//! by then is passed over: it is no longer live, nothing waits for it, and it holds the frame that it shows. It is live
+//! by then is passed over: it is no longer live, nothing waits for it, and it holds the frame that it shows until it is ready with a later
+//! one that was released: that one it shows at once, late as it is, so that a node that is always too slow lags instead of standing still. It is live
 //! again from the next frame on when it has been ready in time, that is within the wait after the frame began, often
 //! enough in a row: once after its first miss, twice after its second, up to [`MAX_PROBATION`]. So a node that
 //! goes bad costs the others the wait once, and one that goes bad again and again costs ever less.
@@ -134,16 +135,16 @@ impl SwapBarrier {
         self.first.get_or_insert(number);
     }
 
-    /// A node says that it is ready with a frame. `None` where no such frame can be meant: the node lies. Otherwise
-    /// whether it may show that frame at once, because all others do.
+    /// A node says that it is ready with a frame. `None` where no such frame can be meant: the node lies. Otherwise whether it may show
+    /// that frame at once, because it was released.
     pub fn ready(&mut self, node: NodeIndex, number: u64, now: Duration) -> Option<ShowNow> {
         let newest = *self.begun.back()?;
         if number > newest.number {
             return None;
         }
         let wait = self.wait_of(number);
-        let began = self.begun.iter().rev().find(|b| b.number == number).map(|b| b.at);
-        let in_time = began.is_some_and(|at| now.saturating_sub(at) <= wait);
+        let begun = self.begun.iter().rev().find(|b| b.number == number).copied();
+        let in_time = begun.is_some_and(|begun| now.saturating_sub(begun.at) <= wait);
         let member = self.member(node);
         if member.standing == Standing::Absent || member.ready.is_some_and(|ready| ready >= number) {
             return Some(ShowNow::No); // said before
@@ -157,7 +158,7 @@ impl SwapBarrier {
                 member.live_from = newest.number + 1;
             }
         }
-        Some(if number == newest.number && newest.released { ShowNow::Yes } else { ShowNow::No })
+        Some(if begun.is_some_and(|begun| begun.released) { ShowNow::Yes } else { ShowNow::No })
     }
 
     /// The newest frame, if it may be shown now and was not before.
@@ -333,8 +334,27 @@ mod tests {
             barrier.ready(A, frame, ms(1000 + frame));
             assert!(barrier.poll(ms(1000 + frame)).is_some());
         }
-        assert_eq!(barrier.ready(B, 2, ms(1012)), Some(ShowNow::No), "frame 2 is gone");
+        assert_eq!(barrier.ready(B, 2, ms(1012)), Some(ShowNow::Yes), "late, but later than what it shows");
         assert_eq!(barrier.standing(B), Standing::Live, "ten milliseconds are in time");
+    }
+
+    #[test]
+    fn a_node_that_is_always_too_slow_shows_what_it_draws_and_holds_nobody_up() {
+        let mut barrier = running();
+        for frame in 1..50 {
+            let start = 1000 + 20 * (frame - 1);
+            if frame > 1 {
+                barrier.begin(frame, ms(start));
+                // It began with the frame before while that one ran, and needs longer than a frame.
+                assert_eq!(barrier.ready(B, frame - 1, ms(start + 10)), Some(ShowNow::Yes));
+            }
+            barrier.ready(A, frame, ms(start + 1));
+            let release = barrier.poll(ms(start + 20)).unwrap();
+            assert_eq!(release.passed_over, if frame == 1 { vec![B] } else { vec![] });
+        }
+        assert_eq!(barrier.standing(B), Standing::Trying);
+        barrier.begin(50, ms(2000));
+        assert_eq!(barrier.ready(B, 50, ms(2001)), Some(ShowNow::No), "nobody shows it yet");
     }
 
     #[test]

@@ -171,6 +171,8 @@ pub struct TileSession {
     moved_early: HashMap<ObjectId, Transform>,
     drawing: Option<Arc<FrameToDraw>>,
     drawn: Option<u64>,
+    /// A newer frame came while `drawn` was drawn: whether that one may be shown is heard first.
+    is_late: bool,
     /// The frame of this connection that is shown.
     shown: Option<u64>,
     /// When that was, until the master has been told.
@@ -210,6 +212,7 @@ impl TileSession {
             pending: None,
             moved_early: HashMap::new(),
             drawing: None,
+            is_late: false,
             drawn: None,
             shown: None,
             shown_at: None,
@@ -257,7 +260,7 @@ impl TileSession {
         self.pending = None;
         self.lack.frame = None;
         self.drawing = None;
-        self.drawn = None;
+        (self.drawn, self.is_late) = (None, false);
         (self.shown, self.shown_at) = (None, None); // another master may count its frames anew
         self.acknowledged.clear();
         self.damaged.clear();
@@ -282,7 +285,7 @@ impl TileSession {
             ToTile::Frame(frame) => self.take_frame(frame),
             ToTile::Swap { frame } => {
                 if self.drawn == Some(frame) && self.shown != Some(frame) {
-                    self.shown = Some(frame);
+                    (self.shown, self.is_late) = (Some(frame), false);
                     self.actions.push_back(Action::Show { frame });
                 }
                 Ok(())
@@ -329,6 +332,7 @@ impl TileSession {
             self.acknowledged.push_back(drawing);
         }
         self.drawn = Some(frame);
+        self.is_late = self.pending.is_some();
         self.last_stats = stats;
         let shown = self.shown_at.take();
         self.actions.push_back(Action::Send(ToMaster::Ready { frame, shown }));
@@ -411,6 +415,7 @@ impl TileSession {
         let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, .. } = frame;
         let views = views.collect::<Result<_, String>>()?;
         let when_missing = self.when_missing;
+        self.is_late = false; // no answer came between
         self.pending = Some(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views, when_missing });
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));
         self.plan();

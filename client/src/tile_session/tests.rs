@@ -142,6 +142,25 @@ fn the_newest_frame_wins_and_only_what_was_drawn_is_shown() {
 }
 
 #[test]
+fn a_node_that_is_late_shows_what_it_drew_before_it_draws_on() {
+    let mut session = drawn();
+    session.handle_message(frame(1, Some(0), &[]));
+    assert!(matches!(&actions(&mut session)[..], [Action::Draw(_)]));
+    session.handle_message(frame(2, Some(0), &[]));
+    session.drawn(1, DrawStats::default());
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 1, shown: None })], "frame 2 waits for the answer");
+    session.handle_message(ToTile::Swap { frame: 1 });
+    let got = actions(&mut session);
+    assert!(matches!(&got[..], [Action::Show { frame: 1 }, Action::Draw(frame)] if frame.number == 2), "{got:?}");
+
+    session.handle_message(frame(3, Some(0), &[]));
+    session.drawn(2, DrawStats::default());
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 2, shown: None })]);
+    session.handle_message(frame(4, Some(0), &[]));
+    assert!(matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.number == 4), "no answer came: it goes on");
+}
+
+#[test]
 fn chunks_and_picture_outlive_a_connection() {
     let mut session = drawn();
     session.handle_message(ToTile::Swap { frame: 0 });
