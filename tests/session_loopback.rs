@@ -11,7 +11,7 @@ use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use glam::{DAffine3, DVec3};
 use mullion_client::disk_cache::DiskCache;
@@ -366,6 +366,85 @@ fn a_camera_that_gives_no_pose_ends_the_show_with_its_fault() {
             other => panic!("{other:?}"),
         }
     }
+}
+
+/// Never done with a frame before the next but one has begun, so that the next one is there.
+struct Slow {
+    begun: Arc<AtomicU64>,
+    drawn: Option<u64>,
+    shown: u32,
+    enough: tokio::sync::watch::Sender<bool>,
+}
+
+impl Painter for Slow {
+    fn open_scene(&mut self, _: &Arc<SceneManifest>, _: &[ViewSpec]) -> Result<(), PaintError> {
+        Ok(())
+    }
+
+    fn grow_scene(&mut self, _: &Arc<SceneManifest>) -> Result<(), PaintError> {
+        panic!("this scene does not grow")
+    }
+
+    fn upload(&mut self, _: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
+        Ok(bytes.len() as u64)
+    }
+
+    fn evict(&mut self, _: ChunkId) -> Result<(), PaintError> {
+        Ok(())
+    }
+
+    fn set_transform(&mut self, _: &Moved) -> Result<(), PaintError> {
+        panic!("nothing moves in this show")
+    }
+
+    fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
+        let start = Instant::now();
+        while self.begun.load(Ordering::SeqCst) <= frame.number + 1 && !*self.enough.borrow() {
+            assert!(start.elapsed() < PATIENCE, "frame {} was the last", frame.number);
+            thread::yield_now();
+        }
+        self.drawn = Some(frame.number);
+        Ok(DrawStats::default())
+    }
+
+    fn show(&mut self, frame: u64) -> Result<(), PaintError> {
+        assert_eq!(self.drawn, Some(frame), "only what was drawn last can be shown");
+        self.shown += 1;
+        self.enough.send_replace(self.shown == 5);
+        Ok(())
+    }
+}
+
+#[test]
+fn a_node_that_is_always_too_slow_shows_what_it_draws() {
+    let wall = wall(1, 1);
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let eyes = wall.default_eyes();
+    let (enough, stop) = tokio::sync::watch::channel(false);
+    let begun = Arc::new(AtomicU64::new(0));
+    let begins = Arc::clone(&begun);
+    let (given_up, start) = (enough.clone(), Instant::now());
+    let show = Show {
+        options: ShowOptions { barrier_wait: Duration::from_millis(12), rate: Rate::Hz(100.0), ..ShowOptions::for_wall(&wall) },
+        wall,
+        package: package(3),
+        camera: Box::new(move |frame| {
+            begins.store(frame, Ordering::SeqCst);
+            given_up.send_if_modified(|is_over| start.elapsed() > PATIENCE && !std::mem::replace(is_over, true));
+            Pose { eyes: eyes.clone(), ..Pose::default() }
+        }),
+        cull: Box::new(|_, _| {}),
+        observer: Box::new(|_| {}),
+        node_observer: Box::new(|_| {}),
+        shown_observer: Box::new(|_, _| {}),
+        stop: Some(stop),
+    };
+    let service = thread::spawn(move || run_show(listener, show));
+    let mut painter = Slow { begun, drawn: None, shown: 0, enough };
+    run(options(address, "t0x0"), &mut painter).unwrap();
+    service.join().unwrap().unwrap();
+    assert!(painter.shown >= 5, "it shows, late as it is");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The shell around a [`TileSession`]: sockets on a thread of their own, the painter on the caller's.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use std::{io, thread};
@@ -177,21 +178,22 @@ enum Event {
 /// When the master refuses the node for good, stays out of reach, or the painter fails.
 pub fn run(options: NodeOptions, painter: &mut dyn Painter) -> Result<NodeReport, NodeError> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let (events, mut inbox) = mpsc::channel(MAX_EVENTS);
+    let (events, inbox) = mpsc::channel(MAX_EVENTS);
     let stats = Arc::new(Mutex::new(Stats::default()));
     let NodeOptions { node, part, credentials, memory_bytes, when_missing, .. } = options.clone();
     let session = TileSession::new(node, credentials, memory_bytes, when_missing).taking_part_as(part);
     let started = Instant::now();
     let clock = MasterClock::default();
-    let mut easel = Easel { session, painter, report: NodeReport::default(), link: None, clock, started };
+    let (report, waiting) = (NodeReport::default(), VecDeque::with_capacity(MAX_EVENTS));
+    let mut easel = Easel { session, painter, report, inbox, waiting, link: None, clock, started };
     let hello = Opening::Control(easel.session.hello());
     let network = Network { hello, options, events, stats: Arc::clone(&stats), started };
     let thread = thread::Builder::new().name("mullion-network".into()).spawn(move || runtime.block_on(network.run()))?;
-    let result = easel.run(&mut inbox, &stats);
+    let result = easel.run(&stats);
+    let Easel { report, inbox, waiting, link, .. } = easel;
     // Without an inbox and a link, in this order, the network thread ends as soon as what is queued is written.
-    drop(inbox);
-    easel.link = None;
-    let report = easel.report;
+    drop((inbox, waiting));
+    drop(link);
     if thread.join().is_err() {
         return Err(NodeError::Start(io::Error::other("the network thread panicked")));
     }
@@ -203,15 +205,18 @@ struct Easel<'a> {
     session: TileSession,
     painter: &'a mut dyn Painter,
     report: NodeReport,
+    inbox: mpsc::Receiver<Event>,
+    /// What came in while a frame was drawn.
+    waiting: VecDeque<Event>,
     link: Option<(mpsc::Sender<ToMaster>, mpsc::Sender<Wanted>)>,
     clock: MasterClock,
     started: Instant,
 }
 
 impl Easel<'_> {
-    fn run(&mut self, inbox: &mut mpsc::Receiver<Event>, stats: &Mutex<Stats>) -> Result<(), NodeError> {
+    fn run(&mut self, stats: &Mutex<Stats>) -> Result<(), NodeError> {
         loop {
-            let acted = match self.take_all(inbox) {
+            let acted = match self.take_all() {
                 Ok(None) => self.act(),
                 Ok(Some(end)) => return end,
                 Err(error) => Err(error),
@@ -235,8 +240,8 @@ impl Easel<'_> {
 
     /// Waits for an event and takes all that have come in before anything is drawn: the newest frame wins. Gives the
     /// node's end, if it has come.
-    fn take_all(&mut self, inbox: &mut mpsc::Receiver<Event>) -> Result<Option<Result<(), NodeError>>, PaintError> {
-        let mut next = inbox.blocking_recv();
+    fn take_all(&mut self) -> Result<Option<Result<(), NodeError>>, PaintError> {
+        let mut next = self.waiting.pop_front().or_else(|| self.inbox.blocking_recv());
         if next.is_none() {
             return Ok(Some(Ok(())));
         }
@@ -250,9 +255,20 @@ impl Easel<'_> {
                 Event::Ended(end) => return Ok(Some(end)),
                 event => self.take(event),
             }
-            next = inbox.try_recv().ok();
+            next = self.waiting.pop_front().or_else(|| self.inbox.try_recv().ok());
         }
         Ok(None)
+    }
+
+    /// How many newer frames came in while one was drawn. Nothing is done with them before the master has been told of that one.
+    fn newer_frames(&mut self) -> u32 {
+        while self.waiting.len() < MAX_EVENTS
+            && let Ok(event) = self.inbox.try_recv()
+        {
+            self.waiting.push_back(event);
+        }
+        let is_frame = |event: &&Event| matches!(event, Event::Message(ToTile::Frame(_), _));
+        self.waiting.iter().filter(is_frame).count() as u32
     }
 
     fn take(&mut self, event: Event) {
@@ -304,7 +320,8 @@ impl Easel<'_> {
                 Action::Draw(frame) => {
                     let stats = self.painter.draw(&frame)?;
                     self.report.drawn += 1;
-                    self.session.drawn(frame.number, stats);
+                    let newer = self.newer_frames();
+                    self.session.drawn_behind(frame.number, stats, newer);
                 }
                 Action::Show { frame } => {
                     self.painter.show(frame)?;

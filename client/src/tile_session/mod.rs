@@ -171,8 +171,8 @@ pub struct TileSession {
     moved_early: HashMap<ObjectId, Transform>,
     drawing: Option<Arc<FrameToDraw>>,
     drawn: Option<u64>,
-    /// A newer frame came while `drawn` was drawn: whether that one may be shown is heard first.
-    is_late: bool,
+    /// Newer frames came while `drawn` was drawn: whether that one may be shown is heard first, unless so many more frames come before.
+    behind: u32,
     /// The frame of this connection that is shown.
     shown: Option<u64>,
     /// When that was, until the master has been told.
@@ -212,7 +212,7 @@ impl TileSession {
             pending: None,
             moved_early: HashMap::new(),
             drawing: None,
-            is_late: false,
+            behind: 0,
             drawn: None,
             shown: None,
             shown_at: None,
@@ -260,7 +260,7 @@ impl TileSession {
         self.pending = None;
         self.lack.frame = None;
         self.drawing = None;
-        (self.drawn, self.is_late) = (None, false);
+        (self.drawn, self.behind) = (None, 0);
         (self.shown, self.shown_at) = (None, None); // another master may count its frames anew
         self.acknowledged.clear();
         self.damaged.clear();
@@ -285,7 +285,7 @@ impl TileSession {
             ToTile::Frame(frame) => self.take_frame(frame),
             ToTile::Swap { frame } => {
                 if self.drawn == Some(frame) && self.shown != Some(frame) {
-                    (self.shown, self.is_late) = (Some(frame), false);
+                    (self.shown, self.behind) = (Some(frame), 0);
                     self.actions.push_back(Action::Show { frame });
                 }
                 Ok(())
@@ -332,11 +332,19 @@ impl TileSession {
             self.acknowledged.push_back(drawing);
         }
         self.drawn = Some(frame);
-        self.is_late = self.pending.is_some();
+        self.behind = u32::from(self.pending.is_some());
         self.last_stats = stats;
         let shown = self.shown_at.take();
         self.actions.push_back(Action::Send(ToMaster::Ready { frame, shown }));
         self.plan();
+    }
+
+    /// As [`Self::drawn`], where so many newer frames came in meanwhile that the session has not been given yet.
+    pub fn drawn_behind(&mut self, frame: u64, stats: DrawStats, newer: u32) {
+        self.drawn(frame, stats);
+        if newer > 0 && self.drawn == Some(frame) {
+            self.behind = newer + 1;
+        }
     }
 
     /// A frame was shown when the master's clock showed `at_us`, microseconds.
@@ -415,7 +423,7 @@ impl TileSession {
         let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, .. } = frame;
         let views = views.collect::<Result<_, String>>()?;
         let when_missing = self.when_missing;
-        self.is_late = false; // no answer came between
+        self.behind = self.behind.saturating_sub(1);
         self.pending = Some(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views, when_missing });
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));
         self.plan();

@@ -109,7 +109,7 @@ impl TileSession {
     pub(super) fn next_draw(&mut self) -> Option<Action> {
         let planned = self.lack.frame.is_some() && self.lack.frame == self.pending.as_ref().map(|p| p.number);
         let waits = self.lack.left > 0 && self.when_missing == WhenMissing::Hold;
-        if self.closed || self.drawing.is_some() || self.is_late || !planned || waits {
+        if self.closed || self.drawing.is_some() || self.behind > 0 || !planned || waits {
             return None;
         }
         let mut frame = self.pending.take()?;

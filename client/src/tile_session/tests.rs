@@ -161,6 +161,25 @@ fn a_node_that_is_late_shows_what_it_drew_before_it_draws_on() {
 }
 
 #[test]
+fn frames_that_came_while_one_was_drawn_are_no_answer() {
+    let mut session = drawn();
+    session.handle_message(frame(1, Some(0), &[]));
+    assert!(matches!(&actions(&mut session)[..], [Action::Draw(_)]));
+    session.drawn_behind(1, DrawStats::default(), 2);
+    session.handle_message(frame(2, Some(0), &[]));
+    session.handle_message(frame(3, Some(0), &[]));
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 1, shown: None })], "they wait for the answer");
+    session.handle_message(ToTile::Swap { frame: 1 });
+    let got = actions(&mut session);
+    assert!(matches!(&got[..], [Action::Show { frame: 1 }, Action::Draw(frame)] if frame.number == 3), "{got:?}");
+    session.drawn_behind(3, DrawStats::default(), 1);
+    session.handle_message(frame(4, Some(0), &[]));
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 3, shown: None })]);
+    session.handle_message(frame(5, Some(0), &[]));
+    assert!(matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.number == 5), "no answer came: it goes on");
+}
+
+#[test]
 fn chunks_and_picture_outlive_a_connection() {
     let mut session = drawn();
     session.handle_message(ToTile::Swap { frame: 0 });
