@@ -7,7 +7,7 @@ use mullion_common::visible_set::{LeafRange, VisibleDelta, VisibleSet};
 use mullion_common::wall::{Eye, ObserverId, TileId, ViewId};
 use mullion_common::wire::codec::{self, CodecError};
 use mullion_common::wire::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 const HASH: ChunkHash = ChunkHash([7; 32]);
 
@@ -58,6 +58,21 @@ fn a_value_takes_no_more_than_its_cap_and_all_of_its_bytes() {
     assert!(matches!(codec::decode::<(u32, Vec<u8>), 21>(cut), Err(CodecError::Malformed(_))));
     assert!(matches!(codec::decode::<(u32, Vec<u8>), 64>(cut), Err(CodecError::Malformed(_))));
     assert!(matches!(codec::decode::<(u32, Vec<u8>), 20>(cut), Err(CodecError::TooLarge { len: 21, cap: 20 })));
+}
+
+#[derive(Debug, PartialEq, Deserialize)]
+struct Text(#[serde(deserialize_with = "codec::text")] String);
+
+#[test]
+fn a_text_takes_no_memory_for_what_it_claims() {
+    let read = |bytes: &[u8]| codec::decode::<Text, { 64 << 20 }>(bytes);
+    let claims = |length: u64, bytes: &[u8]| [&length.to_le_bytes()[..], bytes].concat();
+    assert_eq!(read(&codec::encode(&"chair").unwrap()), Ok(Text("chair".into())));
+    assert_eq!(read(&claims(2, b"ab")), Ok(Text("ab".into())));
+    assert!(read(&claims(2, b"\xff\xfe")).is_err(), "no UTF-8");
+    let long = claims(32 << 20, b"ab");
+    let taken = allocation_counter::measure(|| assert!(read(&long).is_err())).bytes_max;
+    assert!(taken < 4096, "{taken} bytes");
 }
 
 #[test]

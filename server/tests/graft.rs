@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use mullion_common::geometry::Obb;
-use mullion_common::scene::{ChunkHash, ChunkId, GeometryChunk, ObjectId, Package};
+use mullion_common::scene::{ChunkHash, ChunkId, ChunkRecord, GeometryChunk, ObjectId, Package};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{ViewId, Wall, WallConfig};
 use mullion_server::cull::{Algorithm, Culler, oracle};
@@ -205,6 +205,11 @@ fn what_does_not_fit_is_refused_by_name() {
         let place = error(&at(None, DAffine3::from_scale_rotation_translation(DVec3::splat(far), DQuat::IDENTITY, DVec3::X)));
         assert!(matches!(place, GraftError::Place { .. }), "{place}");
     }
+    let mut damaged = package.clone();
+    let chunk = damaged.scene.manifest.chunks[0];
+    damaged.scene.manifest.chunks[0] = ChunkRecord::new(ChunkHash([9; 32]), 0, chunk.length, chunk.kind().expect("a kind"));
+    let damage = graft(&package, &damaged, &at(None, DAffine3::IDENTITY)).expect_err("refused");
+    assert!(matches!(damage, GraftError::Damaged { chunk: 0 }), "{damage}");
     // The same once more costs no chunk and no material.
     let twice = graft(&package, &package, &at(None, DAffine3::from_translation(DVec3::X))).expect("joined");
     let (once, two) = (package.scene.manifest.size(), twice.scene.manifest.size());

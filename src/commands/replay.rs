@@ -57,15 +57,22 @@ pub fn run(options: &Options) -> Result<()> {
     let mut sets = vec![VisibleSet::default(); views];
     let mut frames = 0u64;
     let mut objects = package.scene.objects.len();
+    let mut is_offered = false;
     while let Some(mut frame) = reader.next_frame().with_context(|| shown.clone())? {
         let number = frame.number;
+        let grown = package.scene.objects.len();
         if let Some(insertion) = &frame.insertion {
             let offer = offer(&package, insertion, library.as_ref()).with_context(|| format!("{shown}: frame {number}"))?;
             package = Arc::clone(offer.package());
             frame.pose.offer = Some(Arc::new(offer));
         }
+        let may_grow = is_offered;
+        is_offered = may_grow && !frame.pose.grows || frame.insertion.is_some();
+        ensure!(may_grow || !frame.pose.grows, "{shown}: frame {number}: the scene grows, though nothing was inserted");
+        let is_second = may_grow && !frame.pose.grows && frame.insertion.is_some();
+        ensure!(!is_second, "{shown}: frame {number}: a second insertion before the first was seen");
         if frame.pose.grows {
-            objects = package.scene.objects.len();
+            objects = grown;
         }
         frame.pose.check(views, objects).map_err(|e| anyhow!("{shown}: frame {number}: {e}"))?;
         ensure!(frame.digests.len() == views, "{shown}: frame {number}: digests of {} views, not {views}", frame.digests.len());

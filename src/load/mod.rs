@@ -156,6 +156,12 @@ impl Tally {
         let is_on_time = |row: &&Row| row.shown() == data.nodes && row.last_us <= row.due_us + period_us;
         let on_time = counted.iter().filter(is_on_time).count();
         let all_shown = counted.iter().filter(|row| row.shown() > 1);
+        let held = data.held.iter().filter(|(frame, _)| *frame as usize >= from).map(|(_, us)| f64::from(*us));
+        // Pictures that no other followed, where one should have.
+        let last_due = counted.last().map_or(0, |row| row.due_us);
+        let first_due = counted.first().map_or(0, |row| row.due_us);
+        let newest = data.newest_us[..data.nodes as usize].iter().map(|newest| newest.unwrap_or(first_due));
+        let to_the_end = newest.filter(|newest| newest + 2 * period_us < last_due).map(|newest| (last_due - newest) as f64);
         let part = |k: usize| Spread::of(counted.iter().map(|row| row.master_us[k]));
         let (sent, raw) = (data.frame_bytes.iter().map(|b| u64::from(*b)).sum::<u64>(), data.leaves * size_of::<u32>() as u64);
         Verdict {
@@ -165,7 +171,7 @@ impl Tally {
             never_shown: counted.iter().map(|row| u64::from(data.nodes - row.shown())).sum(),
             lateness_us: Spread::of(counted.iter().map(|row| row.last_us.saturating_sub(row.due_us) as f64)),
             skew_us: Spread::of(all_shown.map(|row| (row.last_us - row.first_us) as f64)),
-            held_us: Spread::of(data.held.iter().filter(|(frame, _)| *frame as usize >= from).map(|(_, us)| f64::from(*us))),
+            held_us: Spread::of(held.chain(to_the_end)),
             master_us: Spread::of(counted.iter().map(|row| row.master_us.iter().sum::<f64>())),
             cull_us: part(0),
             diff_us: part(1),
@@ -187,7 +193,11 @@ impl Data {
         let released = self.rows.len() as u64;
         match self.rows.get_mut(shown.frame as usize) {
             Some(row) => {
-                row.shown_by[node as usize / 64] |= 1 << (node % 64);
+                let (bits, bit) = (&mut row.shown_by[node as usize / 64], 1 << (node % 64));
+                if *bits & bit != 0 {
+                    return; // told before
+                }
+                *bits |= bit;
                 row.first_us = row.first_us.min(shown.at_us);
                 row.last_us = row.last_us.max(shown.at_us);
                 let before = self.newest_us[node as usize].replace(shown.at_us);

@@ -12,6 +12,10 @@ use crate::prefetch::{Aim, Known, seen_of};
 /// New leaves looked through for what the views would see; the others are fetched when they are seen, or ahead of that.
 const MAX_LEAVES_LOOKED_AT: u32 = 1 << 16;
 
+/// Sections asked for at once, at most, so that they and all chunks stay below [`MAX_WANTED`].
+const SECTIONS_WINDOW: usize = 128;
+const _: () = assert!(SECTIONS_WINDOW + 4 + FETCH_WINDOW + PREFETCH_WINDOW < MAX_WANTED, "all may be on their way");
+
 /// A scene that is being drawn.
 #[derive(Debug)]
 pub(super) struct OpenScene {
@@ -108,12 +112,15 @@ impl TileSession {
         }
     }
 
-    /// Asks for the sections of parts that are neither open nor on their way.
+    /// Asks for the sections of parts that are neither open nor on their way, as far as may be asked for at once.
     fn fetch_sections(&mut self) {
         let open = self.scene.as_ref().map_or(0, |scene| scene.parts.len());
         let sections = self.sections.get_or_insert_default();
         let mut fetch: Vec<(ChunkHash, u64)> = Vec::new();
         for part in &self.parts[(open + sections.parts.len()).min(self.parts.len())..] {
+            if sections.missing() >= SECTIONS_WINDOW {
+                break;
+            }
             sections.parts.push((*part, [const { None }; 4]));
             for section in part {
                 if !fetch.iter().any(|(hash, _)| *hash == section.hash) && !self.on_the_way.holds(&section.hash) {
@@ -133,13 +140,16 @@ impl TileSession {
     pub(super) fn take_section(&mut self, hash: ChunkHash, bytes: &[u8]) -> bool {
         let is_taken = self.sections.as_mut().is_some_and(|sections| sections.take(hash, bytes));
         if is_taken {
+            self.fetch_sections();
             self.open_when_whole();
         }
         is_taken
     }
 
     fn open_when_whole(&mut self) {
-        let Some(sections) = self.sections.take_if(|sections| sections.is_whole()) else { return };
+        let open = self.scene.as_ref().map_or(0, |scene| scene.parts.len());
+        let is_whole = |sections: &mut Sections| sections.missing() == 0 && open + sections.parts.len() == self.parts.len();
+        let Some(sections) = self.sections.take_if(is_whole) else { return };
         let result = match self.scene.take() {
             None => self.open(&sections),
             Some(scene) => self.grow(scene, &sections),
@@ -242,8 +252,9 @@ impl Sections {
         is_taken
     }
 
-    fn is_whole(&self) -> bool {
-        self.parts.iter().all(|(_, bytes)| bytes.iter().all(Option::is_some))
+    /// How many have not come.
+    fn missing(&self) -> usize {
+        self.parts.iter().flat_map(|(_, bytes)| bytes).filter(|bytes| bytes.is_none()).count()
     }
 
     fn refs(&self) -> impl Iterator<Item = [SectionRef; 4]> {

@@ -422,6 +422,44 @@ fn grown_manifest(epoch: u32) -> ToTile {
     ToTile::Manifest(Manifest { epoch, sections })
 }
 
+#[test]
+fn a_scene_of_many_parts_is_asked_for_in_portions() {
+    const PARTS: usize = 300;
+    let mut blobs: HashMap<ChunkHash, Vec<u8>> = HashMap::new();
+    let mut sections = Vec::new();
+    for part in 0..PARTS {
+        let mut scene = Package::default().scene;
+        scene.manifest.transforms = vec![Transform::from(DAffine3::from_translation(DVec3::X * part as f64))];
+        for kind in SectionKind::FOR_TILES {
+            let bytes = scene.section_bytes(kind).unwrap();
+            let hash = ChunkHash::of(&bytes);
+            sections.push(SectionRef { kind, hash, length: bytes.len() as u64 });
+            blobs.insert(hash, bytes);
+        }
+    }
+    assert!(blobs.len() > MAX_WANTED);
+    let mut session = TileSession::new("t0x0", None, 1 << 20, WhenMissing::Hold);
+    session.connected();
+    session.handle_message(welcome());
+    session.handle_message(ToTile::Manifest(Manifest { epoch: 1, sections }));
+    let (mut wanted, mut opened) = (VecDeque::new(), None);
+    loop {
+        for action in actions(&mut session) {
+            match action {
+                Action::Fetch(more) => wanted.extend(more.into_iter().map(|(hash, _)| hash)),
+                Action::OpenScene(manifest, _) => opened = Some(manifest),
+                other => panic!("{other:?}"),
+            }
+        }
+        assert!(wanted.len() < MAX_WANTED, "{} at once", wanted.len());
+        let Some(hash) = wanted.pop_front() else { break };
+        session.handle_blob(hash, blobs[&hash].clone());
+    }
+    let opened = opened.expect("it has all its parts");
+    assert!(opened.transforms.iter().enumerate().all(|(i, t)| t.affine().translation.x == i as f64));
+    assert_eq!(opened.transforms.len(), PARTS);
+}
+
 fn give_sections(session: &mut TileSession) {
     added_sections().into_iter().for_each(|bytes| session.handle_blob(ChunkHash::of(&bytes), bytes));
 }

@@ -57,6 +57,14 @@ pub fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> 
     deserializer.deserialize_seq(Items(PhantomData))
 }
 
+/// Reads a text as [`list`] does a list, for fields.
+///
+/// # Errors
+/// The deserializer's; when it is not UTF-8.
+pub fn text<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, D::Error> {
+    String::from_utf8(list(deserializer)?).map_err(serde::de::Error::custom)
+}
+
 /// The bytes of `value`.
 ///
 /// # Errors

@@ -65,12 +65,13 @@ impl Board {
         Status { is_standing_by: self.clock.is_standing_by(), ..latest }
     }
 
-    /// The status of a frame after `seen`, the count of frames that the caller knows of.
+    /// The status of another frame than `seen`, the count of frames that the caller knows of. Counts go back where a master stepped back
+    /// and takes over again.
     pub async fn after(&self, seen: u64) -> Status {
         loop {
             let changed = self.changed.notified();
             let status = self.latest();
-            if status.frames > seen {
+            if status.frames != seen {
                 return status;
             }
             changed.await;

@@ -105,9 +105,12 @@ impl Inlet {
     /// Queues an insertion, which takes many frames.
     ///
     /// # Errors
-    /// When it cannot be done, or too many wait.
+    /// When it cannot be done, too many wait, or another master drives the show.
     pub fn insert(&self, insert: &Insert, on_inserted: OnInserted) -> Result<(), ControlError> {
         let grafter = self.grafter.as_ref().ok_or(ControlError::NoLibrary)?;
+        if self.succession.is_standing_by() {
+            return Err(ControlError::StandingBy);
+        }
         grafter.insert(self.checker.insertion(insert)?, on_inserted)
     }
 

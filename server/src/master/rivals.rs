@@ -52,6 +52,9 @@ impl Master {
             return self.dismiss(peer, bye);
         }
         self.pulse.beat(now);
+        if self.is_growing() {
+            return self.dismiss(peer, Bye::new(ByeCode::Timeout, "its scene grows: ask again"));
+        }
         if now < self.pulse.steady_from {
             return self.dismiss(peer, Bye::new(ByeCode::Timeout, "it hung, and does not know yet who its nodes are: ask again"));
         }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use glam::{DAffine3, Vec3};
 use mullion_common::geometry::Obb;
 use mullion_common::scene::{
-    ChunkId, ChunkRecord, GeometryChunk, LeafRecord, LeafSource, MAX_PACKAGE_BYTES, Material, MaterialId, Object,
+    ChunkHash, ChunkId, ChunkRecord, GeometryChunk, LeafRecord, LeafSource, MAX_PACKAGE_BYTES, Material, MaterialId, Object,
     ObjectHierarchy, ObjectId, OhNode, Package, PackageError, Scene, SceneManifest, SectionKind, Sources, TextureRef, Transform,
 };
 use mullion_common::visible_set::LeafRange;
@@ -40,6 +40,8 @@ pub enum GraftError {
     Place { object: usize },
     #[error("{found} {what}, both together; at most {cap} are allowed")]
     TooMany { what: &'static str, found: u64, cap: u64 },
+    #[error("chunk {chunk} of the package is damaged: its bytes are not those of its name")]
+    Damaged { chunk: u32 },
     #[error(transparent)]
     Package(#[from] PackageError),
 }
@@ -64,7 +66,7 @@ pub fn graft(base: &Package, added: &Package, at: &Placement) -> Result<Package,
     for (object, transform) in new.manifest.transforms.iter().enumerate() {
         transforms.push(placed(&(at.world_from_root * transform.affine()), object)?);
     }
-    let (chunks, chunk_of, added_bytes) = join_chunks(base, added);
+    let (chunks, chunk_of, added_bytes) = join_chunks(base, added)?;
     let (materials, material_of) = join_materials(&old.manifest.materials, &new.manifest.materials, &chunk_of)?;
     let mut leaves = old.manifest.leaves.clone();
     leaves.extend(new.manifest.leaves.iter().map(|leaf| LeafRecord {
@@ -103,11 +105,18 @@ fn placed(world_from_local: &DAffine3, object: usize) -> Result<Transform, Graft
 }
 
 /// All chunks, what each of the added package's is called among them, and the bytes of those that are new.
-fn join_chunks(base: &Package, added: &Package) -> (Vec<ChunkRecord>, Vec<ChunkId>, Vec<u8>) {
+type JoinedChunks = (Vec<ChunkRecord>, Vec<ChunkId>, Vec<u8>);
+
+/// Joins chunks. Every added chunk's name is held
+/// against its bytes: nodes would refuse a wrong one, again and again.
+fn join_chunks(base: &Package, added: &Package) -> Result<JoinedChunks, GraftError> {
     let mut chunks = base.scene.manifest.chunks.clone();
     let mut known: HashMap<_, ChunkId> = (0..).zip(&chunks).map(|(id, c)| ((c.hash, c.kind()), ChunkId(id))).collect();
     let (mut chunk_of, mut bytes) = (Vec::with_capacity(added.scene.manifest.chunks.len()), Vec::new());
     for (id, chunk) in (0..).map(ChunkId).zip(&added.scene.manifest.chunks) {
+        if ChunkHash::of(added.chunk(id)) != chunk.hash {
+            return Err(GraftError::Damaged { chunk: id.0 });
+        }
         chunk_of.push(*known.entry((chunk.hash, chunk.kind())).or_insert_with(|| {
             let offset = base.chunk_bytes() + bytes.len() as u64;
             bytes.extend_from_slice(added.chunk(id));
@@ -115,7 +124,7 @@ fn join_chunks(base: &Package, added: &Package) -> (Vec<ChunkRecord>, Vec<ChunkI
             ChunkId(chunks.len() as u32 - 1)
         }));
     }
-    (chunks, chunk_of, bytes)
+    Ok((chunks, chunk_of, bytes))
 }
 
 fn join_materials(

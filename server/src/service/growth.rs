@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DAffine3;
 use mullion_common::scene::{ChunkHash, ObjectId, Package, PackageError};
-use mullion_common::wire::SectionRef;
+use mullion_common::wire::{SectionRef, codec};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -27,6 +27,7 @@ use crate::tree::{Bounds, DynamicScene};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Insertion {
     /// The package's name in the library.
+    #[serde(deserialize_with = "codec::text")]
     pub package: String,
     /// What it holds: [`content_hash`].
     pub hash: ChunkHash,
@@ -150,9 +151,9 @@ impl fmt::Debug for Offer {
 }
 
 impl Service {
-    /// Whether it shows more than it began with. Then there is no stepping back: no other master shows the same.
-    pub(super) fn has_grown(&self) -> bool {
-        self.object_count != self.show.package.scene.objects.len()
+    /// Whether another master may show the same: not what shows more than it began with, or is about to.
+    pub(super) fn may_step_back(&self) -> bool {
+        self.stands_by_for.is_none() && self.offered.is_none() && self.object_count == self.show.package.scene.objects.len()
     }
 
     /// Tells nodes of what a frame's pose offers, and lets the scene that was offered begin with this frame, if all are prepared for it.

@@ -4,6 +4,7 @@
 //! unbounded: events wait in a channel that holds readers back, messages in an [`crate::master::Outbox`].
 
 mod blobs;
+mod complaints;
 mod connection;
 mod growth;
 mod mailbox;
@@ -37,6 +38,7 @@ use tokio::time::Instant;
 use crate::master::{Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage};
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
 use blobs::Blobs;
+use complaints::Complaints;
 use connection::{Connection, Event, Role};
 pub use growth::{Insertion, Offer, OfferError, Outcome};
 use mailbox::{Mailbox, Queued};
@@ -240,33 +242,6 @@ struct Link {
     node: Option<String>,
 }
 
-/// Warnings of what peers did: a few a second, so that who floods the master does not flood its log.
-#[derive(Default)]
-struct Complaints {
-    until: Duration,
-    warned: u32,
-    unsaid: u64,
-}
-
-impl Complaints {
-    const PER_SECOND: u32 = 3;
-
-    fn warn(&mut self, what: std::fmt::Arguments<'_>, now: Duration) {
-        if now >= self.until {
-            if self.unsaid > 0 {
-                tracing::warn!("{} more connections were closed", self.unsaid);
-            }
-            *self = Self { until: now + Duration::from_secs(1), warned: 0, unsaid: 0 };
-        }
-        if self.warned < Self::PER_SECOND {
-            self.warned += 1;
-            tracing::warn!("{what}");
-        } else {
-            self.unsaid += 1;
-        }
-    }
-}
-
 struct Service {
     master: Master,
     /// Of its wall and scene, for other masters.
@@ -333,9 +308,13 @@ impl Service {
         blobs: Arc<Blobs>,
         inherited: Option<Course>,
     ) -> Self {
-        let (wait, start_wait) = (show.options.barrier_wait, show.options.start_wait);
+        let (wait, mut start_wait) = (show.options.barrier_wait, show.options.start_wait);
+        let mut start_nodes = show.options.start_nodes.clone();
+        if inherited.is_some() {
+            (start_wait, start_nodes) = (Duration::ZERO, Vec::new()); // the show runs already
+        }
         let session_seed = show.options.session_seed.unwrap_or_else(random_bytes);
-        let barrier = BarrierOptions { wait, start_wait, start_nodes: show.options.start_nodes.clone() };
+        let barrier = BarrierOptions { wait, start_wait, start_nodes };
         let options = MasterOptions {
             barrier,
             pace,
@@ -400,7 +379,7 @@ impl Service {
             // In a fixed order, so that a simulation runs the same again; nobody starves: after each turn all that waits is taken.
             let event = tokio::select! {
                 biased;
-                (master, reason) = &mut rival, if self.stands_by_for.is_none() && !self.has_grown() => {
+                (master, reason) = &mut rival, if self.may_step_back() => {
                     self.step_back(master, reason);
                     None
                 }
@@ -429,6 +408,9 @@ impl Service {
             }
             self.master.handle_timeout(self.now());
             self.act();
+        }
+        if let Some(offer) = self.offered.take() {
+            offer.tell(Outcome::Refused("the show ended before all nodes were prepared".to_owned()));
         }
         // Who is told that the show is over must find nobody here.
         let listener = self.stands_by_for.is_some().then_some(listener);
@@ -524,7 +506,9 @@ impl Service {
             Event::Fault { peer, error } => self.master.handle_fault(peer, &error, now),
             Event::Rival { drives } => {
                 self.is_asking = false;
-                drives.into_iter().for_each(|master| self.step_back(master, "it has more live nodes".to_owned()));
+                if let Some(master) = drives.filter(|_| self.may_step_back()) {
+                    self.step_back(master, "it has more live nodes".to_owned());
+                }
             }
             Event::Ended { peer } => {
                 if let Some(link) = self.links.remove(&peer) {

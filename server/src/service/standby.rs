@@ -183,8 +183,8 @@ async fn follow(network: (&Connector, &Security), master: &str, hello: &StandbyH
             Parting::Bye(bye) => {
                 lost = None; // it is there
                 complain(format!("{master}: {bye}; trying again"));
-                if bye.code == ByeCode::OtherMaster {
-                    known.forget(); // it stands by, too: its place is nobody's to take
+                if matches!(bye.code, ByeCode::OtherMaster | ByeCode::TooMany) {
+                    known.forget(); // it stands by, too, or another one for it: its place is not this one's to take
                 }
                 if bye.code == ByeCode::TooMany {
                     sleep(TRY_AGAIN_LATER).await;
