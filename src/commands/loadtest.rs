@@ -121,7 +121,7 @@ pub fn run(options: &Options) -> Result<()> {
     let address = listener.local_addr()?.to_string();
     let good = wall.nodes().len() - usize::from(options.hostile.is_some());
     ensure!(good > 0, "--hostile: the wall needs a second node");
-    let tally = Tally::new(wall.nodes().len() as u32, good as u32);
+    let tally = Tally::new(wall.nodes().len() as u32, good as u32, frames);
     let mut show_options = ShowOptions::for_wall(&wall).starting_together(&wall, START_WAIT);
     show_options.start_nodes.truncate(good);
     show_options.frames = Some(frames);

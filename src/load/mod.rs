@@ -66,18 +66,20 @@ struct Data {
 }
 
 impl Tally {
-    /// For a wall of so many nodes, of which the first `good` must show what they are told.
-    pub fn new(nodes: u32, good: u32) -> Self {
+    /// For a wall of so many nodes, of which the first `good` must show what they are told, and so many frames: memory is set aside for all
+    /// of them, so that what it takes is known at any time.
+    pub fn new(nodes: u32, good: u32, frames: u64) -> Self {
+        let (frames, of_nodes) = (frames as usize, frames as usize * nodes as usize);
         Self(Arc::new(Mutex::new(Data {
             nodes: good,
-            rows: Vec::new(),
-            released: Vec::new(),
-            shows: vec![Vec::new(); nodes as usize],
+            rows: Vec::with_capacity(frames),
+            released: Vec::with_capacity(frames),
+            shows: (0..nodes).map(|_| Vec::with_capacity(frames)).collect(),
             early: Vec::new(),
             newest_us: vec![None; nodes as usize],
-            held: Vec::new(),
+            held: Vec::with_capacity(of_nodes),
             memory: Vec::new(),
-            frame_bytes: Vec::new(),
+            frame_bytes: Vec::with_capacity(of_nodes),
             leaves: 0,
         })))
     }
@@ -330,7 +332,7 @@ mod tests {
 
     #[test]
     fn a_frame_is_on_time_when_every_node_showed_it_within_its_period() {
-        let tally = Tally::new(2, 2);
+        let tally = Tally::new(2, 2, 5);
         let frame =
             |due_ms: u64| FrameReport { due: Duration::from_millis(due_ms), frame_bytes: vec![100, 0], ..FrameReport::default() };
         let shown = |node: u16, frame: u64, at_us: u64| tally.note_shown(NodeIndex(node), &Shown { frame, at_us });
@@ -357,7 +359,7 @@ mod tests {
 
     #[test]
     fn a_fault_is_borne_when_frames_go_on_and_nodes_come_back() {
-        let tally = Tally::new(3, 3);
+        let tally = Tally::new(3, 3, 5);
         let start = Instant::now();
         let at = |ms: u64| start + Duration::from_millis(ms);
         {
