@@ -358,6 +358,20 @@ mod tests {
     }
 
     #[test]
+    fn who_is_held_back_is_not_waited_for_until_it_was_in_time_again() {
+        let mut barrier = running();
+        barrier.hold_back(B);
+        barrier.ready(A, 1, ms(1001));
+        assert_eq!(barrier.poll(ms(1001)).unwrap().passed_over, [], "it is not to blame");
+        assert_eq!(barrier.standing(B), Standing::Trying);
+        barrier.ready(B, 1, ms(1002));
+        assert_eq!(barrier.standing(B), Standing::Live);
+        barrier.leave(B);
+        barrier.hold_back(B);
+        assert_eq!(barrier.standing(B), Standing::Absent);
+    }
+
+    #[test]
     fn who_leaves_is_not_waited_for_and_who_lies_is_found_out() {
         let mut barrier = running();
         barrier.ready(A, 1, ms(1001));
