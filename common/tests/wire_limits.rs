@@ -220,6 +220,10 @@ fn the_course_refuses_each_number_that_is_not_finite() {
     assert_eq!(answer(|c| c.scene_time_s = f64::NAN), not_finite);
     assert_eq!(answer(|c| c.world_from_room.translation.y = f64::NAN), not_finite);
     assert_eq!(answer(|c| c.eyes[0].z = f64::INFINITY), not_finite);
+    let too_late = |value| Err(WireError::Limit { what: "a frame's number", value, cap: 1 << 48 });
+    assert!(answer(|c| c.number = 1 << 48).is_ok());
+    assert_eq!(answer(|c| c.number = (1 << 48) + 1), too_late((1 << 48) + 1));
+    assert_eq!(answer(|c| c.steering.path_frame = u64::MAX), too_late(u64::MAX));
     assert_eq!(answer(|c| c.base = Some(2)), Err(WireError::Bulk { what: "base" }));
     assert_eq!(answer(|c| c.base = Some(3)), Err(WireError::Bulk { what: "base" }));
 }

@@ -110,6 +110,8 @@ struct Head {
     moved: u32,
 }
 
+/// Largest number of a frame that a standby goes on from: what is counted on from there never overflows.
+const MAX_FRAME: u64 = 1 << 48;
 const EYE_BYTES: usize = size_of::<[f64; 3]>();
 const PRESENCE_BYTES: usize = 4 + 1;
 
@@ -170,6 +172,10 @@ impl Course {
         let places_are_finite = course.world_from_room.is_finite() && course.eyes.iter().all(|eye| eye.is_finite());
         if !course.scene_time_s.is_finite() || !places_are_finite {
             return Err(WireError::NotFinite { what: "a number of the course" });
+        }
+        let latest = course.number.max(course.steering.path_frame);
+        if latest > MAX_FRAME {
+            return Err(WireError::Limit { what: "a frame's number", value: latest, cap: MAX_FRAME });
         }
         if course.base.is_some_and(|base| base >= course.number) {
             return Err(WireError::Bulk { what: "base" });
