@@ -393,6 +393,14 @@ async fn talk(api: Api, mut socket: WebSocket) {
     // On its own: a message that waits for its frame holds up no status, and no moves.
     tokio::spawn(async move {
         while let Some(pending) = asks.recv().await {
+            if let Pending::Commands(_, Ok(Receipt::Insertion(_))) = pending {
+                // It takes long, and others are not to wait behind it. The queue of insertions bounds how many there are.
+                let (answering, answers) = (answering.clone(), answers.clone());
+                tokio::spawn(async move {
+                    let _ = answers.send(answering.finish(pending).await).await; // nobody there: nobody to tell
+                });
+                continue;
+            }
             if answers.send(answering.finish(pending).await).await.is_err() {
                 return;
             }
