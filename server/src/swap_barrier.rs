@@ -194,18 +194,14 @@ impl SwapBarrier {
     }
 
     fn all_ready(&self, number: u64) -> bool {
-        let mut waited_for = 0;
         for (i, member) in self.members.iter().enumerate() {
             let at_start = self.first == Some(number) && self.options.start_nodes.contains(&NodeIndex(i as u16));
-            if at_start || member.is_awaited(number) {
-                waited_for += 1;
-                if member.ready != Some(number) {
-                    return false;
-                }
+            if (at_start || member.is_awaited(number)) && member.ready != Some(number) {
+                return false;
             }
         }
         // Where nobody is live, frames keep to the wait instead of racing ahead of those that are coming.
-        waited_for > 0 || self.members.iter().any(|m| m.ready == Some(number))
+        self.members.iter().any(|m| m.ready == Some(number))
     }
 
     fn wait_of(&self, number: u64) -> Duration {
