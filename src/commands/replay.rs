@@ -31,8 +31,8 @@ pub struct Options {
     #[arg(long)]
     scene: PathBuf,
     /// The folder of packages that were inserted.
-    #[arg(long, value_name = "DIR")]
-    library: Option<PathBuf>,
+    #[arg(long = "library", value_name = "DIR")]
+    insert_from: Option<PathBuf>,
     #[command(flatten)]
     how: HowToPrepare,
 }
@@ -45,7 +45,7 @@ pub fn run(options: &Options) -> Result<()> {
     let algorithm: Algorithm = reader.header().algorithm.parse().map_err(|e: String| anyhow!("{shown}: {e}"))?;
     let wall = Arc::new(open_wall(&options.wall)?);
     let library = options
-        .library
+        .insert_from
         .as_deref()
         .map(|folder| Library::open(folder).with_context(|| format!("--library: {}", folder.display())));
     let library = library.transpose()?;

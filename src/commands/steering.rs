@@ -31,8 +31,8 @@ pub struct Steering {
     #[arg(long, requires = "control")]
     control_from_network: bool,
     /// Let packages of this folder, as `mullion prepare` writes them, be inserted into the running show.
-    #[arg(long, value_name = "DIR", requires = "control")]
-    library: Option<PathBuf>,
+    #[arg(long = "library", value_name = "DIR", requires = "control")]
+    insert_from: Option<PathBuf>,
     /// Write down all that comes in, for `mullion replay`.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -57,7 +57,7 @@ impl Steering {
                 "--control: other machines reach {address}, and whoever reaches it steers the wall; add --control-from-network to allow that"
             );
         }
-        if let Some(folder) = &self.library {
+        if let Some(folder) = &self.insert_from {
             Library::open(folder).with_context(|| format!("--library: {}", folder.display()))?;
         }
         Ok(())
@@ -74,7 +74,7 @@ impl Steering {
         metrics: MetricsReader,
     ) -> Result<Steered> {
         let (mut inlet, batches, questions) = control::channel(wall, package);
-        if let Some(folder) = &self.library {
+        if let Some(folder) = &self.insert_from {
             let named = || format!("--library: {}", folder.display());
             let library = Library::open(folder).with_context(named)?;
             inlet = inlet.inserting_from(library).with_context(named)?;

@@ -27,7 +27,7 @@ impl Grafter {
     /// Starts the thread. It ends when nobody can ask it any more.
     pub fn start(library: Library, checker: Checker, offers: SyncSender<Arc<Offer>>) -> io::Result<Self> {
         let (queue, wanted) = sync_channel(MAX_INSERTIONS);
-        let work = move || Work { library, checker, offers }.run(&wanted);
+        let work = move || Work { packages: library, checker, offers }.run(&wanted);
         thread::Builder::new().name("insert".to_owned()).spawn(work)?;
         Ok(Self { queue })
     }
@@ -42,7 +42,7 @@ impl Grafter {
 }
 
 struct Work {
-    library: Library,
+    packages: Library,
     checker: Checker,
     offers: SyncSender<Arc<Offer>>,
 }
@@ -64,7 +64,7 @@ impl Work {
     fn insert(&self, wanted: &Wanted) -> Result<(Inserted, Receiver<Outcome>), ControlError> {
         let Wanted { package, under, world_from_root } = wanted;
         let refused = |problem: String| ControlError::Insertion { problem };
-        let added = self.library.read(package).map_err(|error| refused(error.to_string()))?;
+        let added = self.packages.read(package).map_err(|error| refused(error.to_string()))?;
         let base = self.checker.package();
         let (offer, outcomes) =
             Offer::new(&base, &added, package, *under, *world_from_root).map_err(|error| refused(error.to_string()))?;
