@@ -5,72 +5,26 @@
 #[path = "support/memory_file.rs"]
 mod memory_file;
 mod session_support;
+#[path = "support/steered.rs"]
+mod steered;
 
 use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::sync::{Arc, mpsc};
-use std::thread;
-use std::time::Duration;
+use std::net::{SocketAddr, TcpStream};
 
-use glam::{DAffine3, DQuat, DVec3};
-use memory_file::MemoryFile;
-use mullion_common::camera_path::{CameraPath, CameraPose};
+use glam::{DAffine3, DVec3};
 use mullion_common::visible_set::VisibleSet;
 use mullion_control::{
     CameraAt, Command, Control, Error, Moved, ObjectId, ObjectNumber, Reason, Side, Steps, TileBudget, Transform,
 };
-use mullion_server::control::http::{self, Reach};
-use mullion_server::control::{self, Board, Driver, LiveScene};
-use mullion_server::cull::Algorithm;
-use mullion_server::metrics::Metrics;
-use mullion_server::record::{Ending, Header, Reader, Recorder};
-use mullion_server::service::{Rate, Show, ShowOptions, run as run_show};
+use mullion_server::control::LiveScene;
+use mullion_server::record::{Ending, Reader};
 use session_support::{OBJECTS, package, wall};
-
-const PATIENCE: Duration = Duration::from_secs(60);
-const LEAVES: u32 = 40;
+use steered::{LEAVES, PATIENCE, Steered};
 
 /// Runs a show that `steer` steers, and gives back its record.
 fn steered(steer: impl FnOnce(SocketAddr)) -> Vec<u8> {
-    let (wall, package) = (wall(2, 1), package(LEAVES));
-    let stand = |x: f64| CameraPose { translation: DVec3::new(x, 1.0, 12.0), rotation: DQuat::IDENTITY, scale: 1.0 };
-    let path = CameraPath::new((0..500).map(|frame| stand(f64::from(frame) * 0.01)).collect()).unwrap();
-    let (inlet, batches, questions) = control::channel(&wall, &package);
-    let mut driver = Driver::new(Arc::clone(&wall), path, batches);
-    let board = Arc::new(Board::new(&wall, driver.clock()));
-    let (mut metrics, reader) = Metrics::new(&wall);
-    let mut scene = LiveScene::new(Algorithm::Sweep, &wall, &package).answering(questions);
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = listener.local_addr().unwrap();
-    let server = http::start(listener, inlet, Arc::clone(&board), reader, Reach::Loopback).unwrap();
-    let record = MemoryFile::default();
-    let header = Header::of(&wall, &package, Algorithm::Sweep.name(), 250.0, "test").unwrap();
-    let mut recorder = Recorder::start(record.clone(), &header).unwrap();
-    let (stop, stopped) = tokio::sync::watch::channel(false);
-    let show = Show {
-        options: ShowOptions { rate: Rate::Hz(250.0), ..ShowOptions::for_wall(&wall) },
-        wall,
-        package,
-        camera: Box::new(move |frame| driver.pose(frame)),
-        cull: Box::new(move |pose, sets| {
-            scene.cull(pose, sets);
-            recorder.note(pose, sets);
-        }),
-        observer: Box::new(move |frame| {
-            board.note(frame);
-            metrics.note_frame(frame);
-        }),
-        node_observer: Box::new(|_| {}),
-        shown_observer: Box::new(|_, _| {}),
-        stop: Some(stopped),
-    };
-    let (ended, end) = mpsc::channel();
-    thread::spawn(move || ended.send(run_show(TcpListener::bind("127.0.0.1:0").unwrap(), show).map(|report| report.frames)));
-    steer(address);
-    stop.send_replace(true);
-    end.recv_timeout(PATIENCE).expect("the show ends in time").expect("the show goes on to its end");
-    drop(server);
-    record.bytes()
+    let show = Steered { distance_m: 12.0, rate_hz: 250.0, barrier_wait: None, packages: None };
+    show.run(|addresses| steer(addresses.control)).0
 }
 
 /// Culls a record again: how many frames, and how it ended.

@@ -6,93 +6,38 @@
 #[path = "support/memory_file.rs"]
 mod memory_file;
 mod session_support;
+#[path = "support/steered.rs"]
+mod steered;
 
-use std::net::{SocketAddr, TcpListener};
+use std::net::SocketAddr;
 use std::path::Path;
-use std::sync::{Arc, mpsc};
+use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use glam::{DAffine3, DQuat, DVec3};
-use memory_file::MemoryFile;
+use glam::{DAffine3, DVec3};
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{Connector, NodeError, NodeOptions, Reconnect, Security};
 use mullion_client::protocol_node::{self, ProtocolReport};
-use mullion_common::camera_path::{CameraPath, CameraPose};
 use mullion_common::scene::Package;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wire::Part;
 use mullion_control::{Command, Control, Error, Insert, Inserted, MoveObject, NodeStanding, ObjectNumber, ObjectRange, Reason};
-use mullion_server::control::http::{self, Reach};
-use mullion_server::control::{self, Board, Driver, LiveScene};
-use mullion_server::cull::Algorithm;
+use mullion_server::control::LiveScene;
 use mullion_server::library::{Library, content_hash};
-use mullion_server::metrics::Metrics;
 use mullion_server::prepare::write_package;
-use mullion_server::record::{Ending, Header, Reader, Recorder};
-use mullion_server::service::{Offer, Rate, Show, ShowOptions, ShowReport, run as run_show};
+use mullion_server::record::{Ending, Reader};
+use mullion_server::service::{Offer, ShowReport};
 use session_support::{OBJECTS, package, wall};
+use steered::{Addresses, LEAVES, Steered};
 
-const PATIENCE: Duration = Duration::from_secs(60);
-const LEAVES: u32 = 40;
 const RATE_HZ: f64 = 100.0;
 
 type NodeThread = JoinHandle<Result<ProtocolReport, NodeError>>;
 
-/// Where to steer a show, and where its nodes connect.
-#[derive(Clone, Copy)]
-struct Addresses {
-    control: SocketAddr,
-    master: SocketAddr,
-}
-
-/// Runs a show that `steer` steers, and gives back its record and what it reports.
-fn steered<T>(library: Option<&Path>, steer: impl FnOnce(Addresses) -> T) -> (Vec<u8>, ShowReport, T) {
-    let (wall, package) = (wall(2, 1), package(LEAVES));
-    let stand = |x: f64| CameraPose { translation: DVec3::new(x, 1.0, 60.0), rotation: DQuat::IDENTITY, scale: 1.0 };
-    let path = CameraPath::new((0..500).map(|frame| stand(f64::from(frame) * 0.01)).collect()).unwrap();
-    let (mut inlet, batches, questions) = control::channel(&wall, &package);
-    if let Some(folder) = library {
-        inlet = inlet.inserting_from(Library::open(folder).unwrap()).unwrap();
-    }
-    let mut driver = Driver::new(Arc::clone(&wall), path, batches);
-    let board = Arc::new(Board::new(&wall, driver.clock()));
-    let (mut metrics, reader) = Metrics::new(&wall);
-    let mut scene = LiveScene::new(Algorithm::Sweep, &wall, &package).answering(questions);
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let control = listener.local_addr().unwrap();
-    let server = http::start(listener, inlet, Arc::clone(&board), reader, Reach::Loopback).unwrap();
-    let record = MemoryFile::default();
-    let header = Header::of(&wall, &package, Algorithm::Sweep.name(), RATE_HZ, "test").unwrap();
-    let mut recorder = Recorder::start(record.clone(), &header).unwrap();
-    let (stop, stopped) = tokio::sync::watch::channel(false);
-    let show = Show {
-        options: ShowOptions { rate: Rate::Hz(RATE_HZ), barrier_wait: Duration::from_secs(2), ..ShowOptions::for_wall(&wall) },
-        wall,
-        package,
-        camera: Box::new(move |frame| driver.pose(frame)),
-        cull: Box::new(move |pose, sets| {
-            scene.cull(pose, sets);
-            recorder.note(pose, sets);
-        }),
-        observer: Box::new(move |frame| {
-            board.note(frame);
-            metrics.note_frame(frame);
-        }),
-        node_observer: Box::new(|_| {}),
-        shown_observer: Box::new(|_, _| {}),
-        stop: Some(stopped),
-    };
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let master = listener.local_addr().unwrap();
-    let (ended, end) = mpsc::channel();
-    thread::spawn(move || ended.send(run_show(listener, show)));
-    let result = steer(Addresses { control, master });
-    stop.send_replace(true);
-    let report = end.recv_timeout(PATIENCE).expect("the show ends in time").expect("the show goes on to its end");
-    drop(server);
-    let record = record.bytes();
-    (record, report, result)
+/// Runs a show that `steer` steers, and gives back its record, what it reports, and what `steer` does.
+fn steered<T>(packages: Option<&Path>, steer: impl FnOnce(Addresses) -> T) -> (Vec<u8>, ShowReport, T) {
+    Steered { distance_m: 60.0, rate_hz: RATE_HZ, barrier_wait: Some(Duration::from_secs(2)), packages }.run(steer)
 }
 
 fn node(master: SocketAddr, name: &'static str) -> NodeThread {

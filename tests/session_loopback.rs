@@ -3,6 +3,8 @@
 //! strangers send garbage, too much, another version, another node's name; one takes its welcome and never reads again.
 //! The show goes on until all four are back in the picture. Nothing sleeps to synchronise; a watchdog bounds the time.
 
+#[path = "support/painter.rs"]
+mod painter;
 mod session_support;
 
 use std::collections::BTreeSet;
@@ -26,6 +28,7 @@ use mullion_common::wire::{
     ByeCode, Hello, LENGTH_BYTES, Moved, Opening, PROTOCOL_VERSION, Part, Ping, ToMaster, ToTile, ViewSpec,
 };
 use mullion_server::service::{Pose, Rate, ServiceError, Show, ShowOptions, ShowReport, run as run_show};
+use painter::{Blank, Witness};
 use session_support::{chunks_of, package, visible, wall};
 
 const LEAVES: u32 = 300;
@@ -376,42 +379,21 @@ struct Slow {
     enough: tokio::sync::watch::Sender<bool>,
 }
 
-impl Painter for Slow {
-    fn open_scene(&mut self, _: &Arc<SceneManifest>, _: &[ViewSpec]) -> Result<(), PaintError> {
-        Ok(())
-    }
-
-    fn grow_scene(&mut self, _: &Arc<SceneManifest>) -> Result<(), PaintError> {
-        panic!("this scene does not grow")
-    }
-
-    fn upload(&mut self, _: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
-        Ok(bytes.len() as u64)
-    }
-
-    fn evict(&mut self, _: ChunkId) -> Result<(), PaintError> {
-        Ok(())
-    }
-
-    fn set_transform(&mut self, _: &Moved) -> Result<(), PaintError> {
-        panic!("nothing moves in this show")
-    }
-
-    fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
+impl Witness for Slow {
+    fn draws(&mut self, frame: &FrameToDraw) -> Result<(), PaintError> {
         let start = Instant::now();
         while self.begun.load(Ordering::SeqCst) <= frame.number + 1 && !*self.enough.borrow() {
             assert!(start.elapsed() < PATIENCE, "frame {} was the last", frame.number);
             thread::yield_now();
         }
         self.drawn = Some(frame.number);
-        Ok(DrawStats::default())
+        Ok(())
     }
 
-    fn show(&mut self, frame: u64) -> Result<(), PaintError> {
+    fn shows(&mut self, frame: u64) {
         assert_eq!(self.drawn, Some(frame), "only what was drawn last can be shown");
         self.shown += 1;
         self.enough.send_replace(self.shown == 5);
-        Ok(())
     }
 }
 
@@ -441,10 +423,10 @@ fn a_node_that_is_always_too_slow_shows_what_it_draws() {
         stop: Some(stop),
     };
     let service = thread::spawn(move || run_show(listener, show));
-    let mut painter = Slow { begun, drawn: None, shown: 0, enough };
+    let mut painter = Blank(Slow { begun, drawn: None, shown: 0, enough });
     run(options(address, "t0x0"), &mut painter).unwrap();
     service.join().unwrap().unwrap();
-    assert!(painter.shown >= 5, "it shows, late as it is");
+    assert!(painter.0.shown >= 5, "it shows, late as it is");
 }
 
 #[test]
