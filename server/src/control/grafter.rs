@@ -73,7 +73,7 @@ impl Work {
         self.offers.send(Arc::new(offer)).map_err(|_| ControlError::Over)?;
         let frame = match outcomes.recv() {
             Ok(Outcome::Begun(frame)) => frame,
-            Ok(Outcome::Refused(problem)) => return Err(refused(problem)),
+            Ok(Outcome::Refused(problem, _)) => return Err(refused(problem)),
             Ok(Outcome::Retired(_)) | Err(_) => return Err(ControlError::Over),
         };
         self.checker.grow(grown);

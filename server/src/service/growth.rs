@@ -42,8 +42,8 @@ pub struct Insertion {
 pub enum Outcome {
     /// It is seen from this frame on.
     Begun(u64),
-    /// It is not, for a reason of one line.
-    Refused(String),
+    /// It is not, for a reason of one line. What was offered comes back: its memory takes time to be given back, and not between two frames.
+    Refused(String, Arc<Offer>),
     /// The scene before: its memory takes time to be given back.
     Retired(Box<DynamicScene>),
 }
@@ -132,6 +132,12 @@ impl Offer {
         self.is_followed.store(true, Ordering::Relaxed);
     }
 
+    /// Gives it back to whoever made it.
+    pub(super) fn refuse(self: Arc<Self>, reason: String) {
+        let outcomes = self.outcomes.clone();
+        let _ = outcomes.send(Outcome::Refused(reason, self)); // nobody wants to know
+    }
+
     /// Tells what became of it, whoever still wants to know.
     pub fn tell(&self, outcome: Outcome) {
         let _ = self.outcomes.send(outcome);
@@ -166,7 +172,7 @@ impl Service {
                     self.offered = Some(Arc::clone(&offer));
                     pose.offer = Some(offer);
                 }
-                Err(error) => offer.tell(Outcome::Refused(error.to_string())),
+                Err(error) => offer.refuse(error.to_string()),
             }
         }
         let is_due = |offer: &mut Arc<Offer>| offer.is_followed.load(Ordering::Relaxed) && self.master.is_epoch_due(now);

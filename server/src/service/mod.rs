@@ -410,7 +410,7 @@ impl Service {
             self.act();
         }
         if let Some(offer) = self.offered.take() {
-            offer.tell(Outcome::Refused("the show ended before all nodes were prepared".to_owned()));
+            offer.refuse("the show ended before all nodes were prepared".to_owned());
         }
         // Who is told that the show is over must find nobody here.
         let listener = self.stands_by_for.is_some().then_some(listener);
