@@ -19,12 +19,11 @@ use glam::{DAffine3, DVec3};
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{Connector, NodeError, NodeOptions, Reconnect, Security};
 use mullion_client::protocol_node::{self, ProtocolReport};
-use mullion_common::scene::Package;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wire::Part;
 use mullion_control::{Command, Control, Error, Insert, Inserted, MoveObject, NodeStanding, ObjectNumber, ObjectRange, Reason};
 use mullion_server::control::LiveScene;
-use mullion_server::library::{Library, content_hash};
+use mullion_server::library::Library;
 use mullion_server::prepare::write_package;
 use mullion_server::record::{Ending, Reader};
 use mullion_server::service::{Offer, ShowReport};
@@ -85,8 +84,7 @@ fn replayed(record: &[u8], library: &Path) -> u64 {
     let mut frames = 0;
     while let Some(mut frame) = reader.next_frame().unwrap() {
         if let Some(insertion) = &frame.insertion {
-            let added: Package = library.read(&insertion.package).unwrap();
-            assert_eq!(content_hash(&added).unwrap(), insertion.hash);
+            let added = library.inserted(insertion).unwrap();
             let place = DAffine3::from_cols_array(&insertion.world_from_root);
             let (offer, _) = Offer::new(&scene_package, &added, &insertion.package, insertion.under, place).unwrap();
             scene_package = Arc::clone(offer.package());

@@ -3,14 +3,14 @@
 
 mod support;
 
-use std::net::SocketAddr;
 use std::path::Path;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
-use mullion_control::{Control, Insert};
+use mullion_control::Insert;
 use mullion_server::generate::write_glb;
 use mullion_server::prepare::{PrepareOptions, write_package};
+use support::masters::control_of;
 use support::{Process, mullion};
 
 const LIMIT: Duration = Duration::from_secs(120);
@@ -32,16 +32,9 @@ fn the_command_line_inserts_tells_of_the_whole_scene_and_replays() {
     let (any, library) = ("127.0.0.1:0", folder.path().display().to_string());
     let how = ["--library", &library, "--record", &record, "--report", &report, "--frames", "400", "--path", "whole"];
     let mut serve = Process::start(&[&["serve", &wall, &scene, "--listen", any, "--control", any][..], &how].concat());
-    let mut address = None;
-    serve.until("control API", LIMIT, |serve| {
-        let line = serve.out.lines().into_iter().find(|line| line.starts_with("steer it at:"));
-        address = line.and_then(|line| line.split("http://").nth(1)?.strip_suffix("/status")?.parse::<SocketAddr>().ok());
-        address.is_some()
-    });
     let transform = DAffine3::from_translation(DVec3::X).to_cols_array();
     let insert = Insert { package: "more.mullion".to_owned(), under: None, transform };
-    let mut control = Control::connect(address.expect("it was just found")).expect("it listens");
-    assert!(control.insert(&insert).expect("inserted").objects.count > 60);
+    assert!(control_of(&mut serve).insert(&insert).expect("inserted").objects.count > 60);
     assert_eq!(serve.wait(LIMIT), Some(0), "{}", serve.err.text());
     let report: serde_json::Value = serde_json::from_slice(&std::fs::read(report).expect("written")).expect("JSON");
     assert_eq!(report["leaves"], 100, "{report}");

@@ -16,7 +16,7 @@ use mullion_client::tile_session::{Action, DrawStats, EndedBy, FrameToDraw, Tile
 use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SceneSize, SectionKind, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Moved, Opening, SectionRef, Steering, ToTile, body_of};
+use mullion_common::wire::{Insertion, Moved, Opening, SectionRef, Steering, ToTile, body_of};
 use mullion_server::master::{EPOCH_WAIT, FrameInput, Master, MasterOptions, Output, Pace, PeerId};
 use mullion_server::prepare::{Placement, graft};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
@@ -103,6 +103,7 @@ impl Growing {
             first_frame: 0,
             frames: None,
             sections: sections(&base, SceneSize::default(), &mut blobs).into(),
+            insertions: vec![],
             session_seed: [7; 32],
         };
         let when_missing = [WhenMissing::Box, WhenMissing::Nothing][(seed % 2) as usize];
@@ -311,7 +312,15 @@ impl Growing {
                 if growth == 0 {
                     self.withheld = part.iter().map(|section| section.hash).collect();
                 }
-                self.master.begin_epoch(&part, self.now()).unwrap();
+                let insertion = Insertion {
+                    package: "added".into(),
+                    hash: ChunkHash([0; 32]),
+                    under: None,
+                    world_from_root: DAffine3::IDENTITY.to_cols_array(),
+                };
+                self.master.propose_epoch(insertion, &part, self.now()).unwrap();
+                assert_eq!(self.master.standbys_follow(self.now()), Some(Ok(())));
+                self.master.begin_epoch(self.now());
                 self.exchange();
             }
             if frame == leaves_at {

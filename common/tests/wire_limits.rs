@@ -76,6 +76,17 @@ fn a_text_takes_no_memory_for_what_it_claims() {
 }
 
 #[test]
+fn a_reason_is_cut_at_its_cap() {
+    let ToMaster::Unprepared { epoch: 2, reason } = ToMaster::unprepared(2, "é".repeat(MAX_REASON_BYTES)) else { panic!() };
+    assert_eq!(reason, "é".repeat(MAX_REASON_BYTES / 2));
+    let message = ToMaster::unprepared(2, "no\nsuch file".into());
+    let answer = ToMaster::decode(&bytes(|out| message.encode(out)));
+    assert_eq!(answer, Ok(ToMaster::unprepared(2, "no such file".into())), "in one line");
+    let long = ToMaster::Unprepared { epoch: 2, reason: "e".repeat(MAX_REASON_BYTES + 1) }.encode(&mut Vec::new());
+    assert_eq!(long, Err(WireError::Limit { what: "bytes of a reason", value: 513, cap: 512 }));
+}
+
+#[test]
 fn a_goodbye_says_whether_to_come_back_and_what_was_wrong() {
     use ByeCode as C;
     let final_ones = [C::EndOfShow, C::VersionMismatch, C::UnknownNode, C::Refused];
@@ -199,6 +210,38 @@ fn frame(added: &[(u32, u32)]) -> Frame {
 fn sets_reach_the_last_leaf_number() {
     let last = frame(&[(0, 1), (5, 6), (u32::MAX - 1, u32::MAX)]);
     assert_eq!(tile(&ToTile::Frame(last.clone())), Ok(ToTile::Frame(last)));
+}
+
+#[test]
+fn insertions_keep_to_their_caps() {
+    let insertion = |name: usize| Insertion {
+        package: "p".repeat(name),
+        hash: HASH,
+        under: Some(ObjectId(1)),
+        world_from_root: DAffine3::IDENTITY.to_cols_array(),
+    };
+    let full = Insertions { entered: MAX_PARTS as u32 - 1, list: vec![insertion(MAX_PACKAGE_NAME_BYTES); MAX_PARTS - 1] };
+    assert_eq!(standby(&ToStandby::Insertions(full.clone())), Ok(ToStandby::Insertions(full.clone())));
+    let tag = bytes(|out| ToStandby::Insertions(Insertions::default()).encode(out))[0];
+    let answer = |change: &dyn Fn(&mut Insertions)| {
+        let mut bad = full.clone();
+        change(&mut bad);
+        let answer = ToStandby::decode(&[&[tag][..], &codec::encode(&bad).unwrap()].concat());
+        assert_eq!(ToStandby::Insertions(bad).encode(&mut Vec::new()).err().as_ref(), answer.as_ref().err(), "both sides agree");
+        answer
+    };
+    let many = answer(&|i| i.list = vec![insertion(1); MAX_PARTS]);
+    assert_eq!(many, Err(WireError::Limit { what: "insertions", value: 1024, cap: 1023 }));
+    let more_than_there_are = answer(&|i| i.list.truncate(5));
+    assert_eq!(more_than_there_are, Err(WireError::Limit { what: "insertions that are shown", value: 1023, cap: 5 }));
+    let long = answer(&|i| {
+        i.list.truncate(900); // so that the list as a whole is not too long
+        i.list[7] = insertion(MAX_PACKAGE_NAME_BYTES + 1);
+        i.entered = 8;
+    });
+    assert_eq!(long, Err(WireError::Limit { what: "bytes of a package's name", value: 256, cap: 255 }));
+    let nowhere = answer(&|i| i.list[1022].world_from_root[11] = f64::NAN);
+    assert_eq!(nowhere, Err(WireError::NotFinite { what: "where a package is inserted" }));
 }
 
 #[test]

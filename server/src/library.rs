@@ -5,12 +5,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use mullion_common::scene::{ChunkHash, MAX_PACKAGE_BYTES, Package, PackageError, SectionKind};
+use mullion_common::wire::{Insertion, MAX_PACKAGE_NAME_BYTES};
 use thiserror::Error;
 
 use crate::prepare::bounded;
-
-/// Longest name of a package.
-const MAX_NAME_BYTES: usize = 255;
 
 /// A folder of packages, known by their files' names.
 #[derive(Clone, Debug)]
@@ -28,6 +26,8 @@ pub enum LibraryError {
     Io { name: String, error: io::Error },
     #[error("package {name:?}: {error}")]
     Package { name: String, error: PackageError },
+    #[error("package {name:?} is another one than was inserted")]
+    Another { name: String },
 }
 
 impl Library {
@@ -53,6 +53,17 @@ impl Library {
             .map_err(|error| LibraryError::Io { name: name.to_owned(), error })?;
         Package::read(&bytes).map_err(|error| LibraryError::Package { name: name.to_owned(), error })
     }
+
+    /// Reads the package of an insertion.
+    ///
+    /// # Errors
+    /// As [`Library::read`], and when it is another one than was inserted.
+    pub fn inserted(&self, insertion: &Insertion) -> Result<Package, LibraryError> {
+        let name = &insertion.package;
+        let package = self.read(name)?;
+        let hash = content_hash(&package).map_err(|error| LibraryError::Package { name: name.clone(), error })?;
+        if hash == insertion.hash { Ok(package) } else { Err(LibraryError::Another { name: name.clone() }) }
+    }
 }
 
 /// Whether a name is that of a file in the folder itself, on every system.
@@ -61,7 +72,7 @@ impl Library {
 /// When it is none.
 pub fn check_name(name: &str) -> Result<(), LibraryError> {
     let is_plain = !name.contains(['/', '\\', ':']) && !name.chars().any(char::is_control);
-    if is_plain && !matches!(name, "" | "." | "..") && name.len() <= MAX_NAME_BYTES {
+    if is_plain && !matches!(name, "" | "." | "..") && name.len() <= MAX_PACKAGE_NAME_BYTES {
         Ok(())
     } else {
         Err(LibraryError::Name(name.chars().take(64).collect()))
@@ -99,7 +110,7 @@ mod tests {
         let library = Library::open(&inside).unwrap();
         assert_eq!(library.read("chair.mullion").unwrap(), Package::default());
         let absolute = folder.path().join("secret.mullion").display().to_string();
-        let long = "x".repeat(MAX_NAME_BYTES + 1);
+        let long = "x".repeat(MAX_PACKAGE_NAME_BYTES + 1);
         for name in ["", ".", "..", "../secret.mullion", "..\\secret.mullion", "a/b", "c:d", "new\nline", &absolute, &long] {
             assert!(matches!(library.read(name), Err(LibraryError::Name(_))), "{name}");
         }

@@ -15,18 +15,18 @@ use mullion_common::scene::{ChunkHash, ObjectId, Package, PackageError};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
 use mullion_common::wire::codec::{self, CodecError};
-use mullion_common::wire::{Budget, MAX_VIEWS, Moved, Steering};
+use mullion_common::wire::{Budget, Insertion, MAX_VIEWS, Moved, Steering};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::control::MAX_QUEUED;
 use crate::library::content_hash;
-use crate::service::{Insertion, Pose};
+use crate::service::Pose;
 use crate::tree::Presence;
 
 const MAGIC: [u8; 8] = *b"MULLREC\x01";
 /// Version of the file. A reader takes only its own.
-pub const RECORD_VERSION: u32 = 2;
+pub const RECORD_VERSION: u32 = 3;
 /// Most bytes of a record.
 const MAX_RECORD_BYTES: usize = 64 << 20;
 /// Most bytes of a header: two hashes and two names.
@@ -70,8 +70,10 @@ pub enum Ending {
 pub struct RecordedFrame {
     /// Its number.
     pub number: u64,
-    /// All that came in, but for the scene that was offered.
+    /// All that came in, but for the scenes that came with it.
     pub pose: Pose,
+    /// What had been inserted into the scene that the frame begins with, where it was another master's.
+    pub begins_with: Option<Vec<Insertion>>,
     /// What was inserted into that.
     pub insertion: Option<Insertion>,
     /// Digest of each view's set, by `ViewId`.
@@ -88,6 +90,7 @@ struct Frame {
     moved: codec::List<(u32, [f64; 12])>,
     presence: codec::List<(ObjectId, Presence)>,
     budgets: codec::List<Budget>,
+    begins_with: Option<codec::List<Insertion>>,
     insertion: Option<Insertion>,
     grows: bool,
     digests: codec::List<u64>,
@@ -217,6 +220,7 @@ impl Recorder {
             moved: codec::List(pose.moved.iter().map(|m| (m.object.0, m.transform.affine().to_cols_array())).collect()),
             presence: codec::List(pose.presence.clone()),
             budgets: codec::List(pose.budgets.clone()),
+            begins_with: pose.begins_with.as_ref().map(|fresh| codec::List(fresh.insertions().to_vec())),
             insertion: pose.offer.as_ref().map(|offer| offer.insertion().clone()),
             grows: pose.grows,
             digests: codec::List(sets.iter().map(VisibleSet::digest).collect()),
@@ -324,8 +328,11 @@ impl<R: Read> Reader<R> {
                     budgets: frame.budgets.0,
                     offer: None,
                     grows: frame.grows,
+                    begins_with: None,
                 };
-                Ok(Some(RecordedFrame { number: frame.number, pose, insertion: frame.insertion, digests: frame.digests.0 }))
+                let Frame { number, insertion, .. } = frame;
+                let begins_with = frame.begins_with.map(|list| list.0);
+                Ok(Some(RecordedFrame { number, pose, begins_with, insertion, digests: frame.digests.0 }))
             }
             END => {
                 self.ending = Some(codec::decode::<Ending, 16>(&bytes).map_err(|e| malformed(e.to_string()))?);

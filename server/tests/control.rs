@@ -15,7 +15,7 @@ use mullion_common::wall::{ViewId, Wall, WallConfig};
 use mullion_common::wire::{Budget, Course, Moved, Steering};
 use mullion_server::control::{self, ControlError, Driver, LiveScene};
 use mullion_server::cull::{Algorithm, oracle};
-use mullion_server::service::Pose;
+use mullion_server::service::{Heritage, Pose};
 use mullion_server::tree::{Bounds, DynamicScene, Presence};
 use proptest::prelude::*;
 
@@ -124,12 +124,19 @@ fn a_camera_goes_on_as_another_master_left_it() {
     let steering = Steering { path_frame: 20, held_after: Some(1), is_off_path: true };
     let course =
         Course { number: 90, world_from_room: room, steering, eyes: eyes.clone(), budgets: budgets.clone(), ..Course::default() };
-    succession.take_over(course);
-    inlet.submit(&[], Box::new(|frame| assert_eq!(frame, 91))).expect("it takes commands again");
+    let grown = Arc::new(session_support::package(LEAVES + 1));
+    succession.take_over(Heritage { course, package: Arc::clone(&grown) });
+    assert_eq!(
+        inlet.submit(&[], Box::new(|_| ())),
+        Err(ControlError::StandingBy),
+        "its commands are not checked by that scene yet"
+    );
     let pose = driver.pose(91);
+    assert!(Arc::ptr_eq(&inlet.checker().package(), &grown));
     assert_eq!((pose.world_from_room, &pose.eyes, &pose.budgets), (room, &eyes, &budgets));
     assert_eq!(pose.scene_time_s, 21.0 / wall.rate_hz(), "the step that was left");
     assert_eq!(pose.steering, Steering { path_frame: 21, held_after: Some(0), is_off_path: true });
+    inlet.submit(&[], Box::new(|frame| assert_eq!(frame, 92))).expect("it takes commands again");
     assert_eq!(driver.pose(92).steering.path_frame, 21, "held");
     inlet.submit(&[Command::Resume, Command::FollowPath], Box::new(|_| ())).expect("there is room");
     let pose = driver.pose(93);

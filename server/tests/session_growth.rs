@@ -12,11 +12,12 @@ use mullion_common::scene::{ChunkHash, ObjectId, SectionKind, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
-    ByeCode, Frame, Hello, MAX_PARTS, Manifest, Moved, Opening, Part, SectionRef, StandbyHello, Steering, ToMaster, ToTile,
+    ByeCode, Frame, Hello, Insertion, Insertions, MAX_PARTS, Manifest, Moved, Opening, Part, SectionRef, StandbyHello, Steering,
+    ToMaster, ToStandby, ToTile,
 };
 use mullion_server::master::{EPOCH_WAIT, EpochError, FrameInput, Master, MasterOptions, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
-use outputs::{closed, sent};
+use outputs::{bodies, closed, sent};
 
 const A: PeerId = PeerId(1);
 const B: PeerId = PeerId(2);
@@ -31,6 +32,10 @@ fn wall() -> Arc<Wall> {
 
 fn part(name: u8) -> [SectionRef; 4] {
     SectionKind::FOR_TILES.map(|kind| SectionRef { kind, hash: ChunkHash([name; 32]), length: 40 })
+}
+
+fn insertion(number: u8) -> Insertion {
+    Insertion { package: format!("{number}.mullion"), hash: ChunkHash([number; 32]), under: None, world_from_root: [0.0; 12] }
 }
 
 /// A master on its own clock, which a frame moves on by its period.
@@ -50,6 +55,7 @@ impl Show {
             first_frame: 0,
             frames: None,
             sections: part(0).into(),
+            insertions: vec![],
             session_seed: [1; 32],
         };
         let master = Master::new(wall(), options, Duration::ZERO);
@@ -70,6 +76,14 @@ impl Show {
     fn say(&mut self, peer: PeerId, message: ToMaster) -> Vec<Output> {
         self.master.handle_message(peer, message, self.now);
         self.take()
+    }
+
+    /// Tells nodes that the scene grows, where no standby has a say.
+    fn grow(&mut self, number: u8) -> Result<(), EpochError> {
+        self.master.propose_epoch(insertion(number), &part(number), self.now)?;
+        assert_eq!(self.master.standbys_follow(self.now), Some(Ok(())));
+        self.master.begin_epoch(self.now);
+        Ok(())
     }
 
     /// Begins the next frame, of the next epoch where that is due, and has these nodes draw it. Whom each frame was sent to comes back with it.
@@ -133,7 +147,7 @@ fn growing() -> Show {
     show.join(B, "t1x0");
     show.frame(&[A, B]);
     show.frame(&[A, B]);
-    show.master.begin_epoch(&part(1), show.now).unwrap();
+    show.grow(1).unwrap();
     let outputs = show.take();
     let whole = Manifest { epoch: 2, sections: [part(0), part(1)].concat() };
     for peer in [A, B] {
@@ -211,38 +225,116 @@ fn who_joins_or_comes_back_meanwhile_is_told_of_both_epochs_and_not_waited_for()
 #[test]
 fn one_growth_at_a_time_and_no_more_than_there_may_be() {
     let mut show = growing();
-    assert_eq!(show.master.begin_epoch(&part(2), show.now), Err(EpochError::Busy));
+    assert_eq!(show.grow(2), Err(EpochError::Busy));
     assert_eq!(closed(&show.say(A, ToMaster::Prepared { epoch: 3 }), A), Some(ByeCode::Malformed), "nobody told it of that");
     show.say(B, ToMaster::Prepared { epoch: 2 });
     show.frame(&[]);
     show.master.handle_disconnected(B, show.now);
     for epoch in 2..MAX_PARTS {
-        assert_eq!(show.master.begin_epoch(&part(2), show.now), Ok(()), "epoch {epoch}");
+        assert_eq!(show.grow(2), Ok(()), "epoch {epoch}");
         show.frame(&[]);
     }
-    assert_eq!(show.master.begin_epoch(&part(2), show.now), Err(EpochError::TooMany));
+    assert_eq!(show.grow(2), Err(EpochError::TooMany));
     let messages = show.join(LATE, "t2x0");
     assert!(matches!(&messages[1], ToTile::Manifest(manifest) if manifest.sections.len() == 4 * MAX_PARTS));
 }
 
+fn stand_by(show: &mut Show) -> Vec<ToStandby> {
+    show.master.handle_connected(STANDBY, show.now);
+    let hello = StandbyHello::of(&wall(), &part(0)).unwrap();
+    show.master.handle_opening(STANDBY, Opening::Standby(hello), show.now);
+    told(&show.take())
+}
+
+/// What the standby is told.
+fn told(outputs: &[Output]) -> Vec<ToStandby> {
+    bodies(outputs, STANDBY).into_iter().map(|body| ToStandby::decode(body).unwrap()).collect()
+}
+
+/// The epochs of the courses among that.
+fn courses(told: &[ToStandby]) -> Vec<u32> {
+    told.iter().filter_map(|message| if let ToStandby::Course(course) = message { Some(course.epoch) } else { None }).collect()
+}
+
+fn insertions(entered: u32, numbers: &[u8]) -> ToStandby {
+    ToStandby::Insertions(Insertions { entered, list: numbers.iter().map(|number| insertion(*number)).collect() })
+}
+
 #[test]
-fn a_standby_and_a_growing_scene_shut_each_other_out() {
-    let hello = |parts: &[[SectionRef; 4]]| Opening::Standby(StandbyHello::of(&wall(), &parts.concat()).unwrap());
+fn a_scene_grows_once_its_standby_is_prepared() {
     let mut show = Show::new();
     show.join(A, "t0x0");
-    let greet = |show: &mut Show, parts: &[[SectionRef; 4]]| {
-        show.master.handle_connected(STANDBY, show.now);
-        show.master.handle_opening(STANDBY, hello(parts), show.now);
-        closed(&show.take(), STANDBY)
-    };
-    assert_eq!(greet(&mut show, &[part(0)]), None);
-    assert_eq!(show.master.begin_epoch(&part(1), show.now), Err(EpochError::Standby));
-    assert!(sent(&show.take(), A).is_empty(), "nobody is told");
+    show.frame(&[A]);
+    assert_eq!(stand_by(&mut show), [insertions(0, &[])]);
+    assert_eq!(courses(&told(&show.say(STANDBY, ToMaster::Prepared { epoch: 1 }))), [1]);
+    show.master.propose_epoch(insertion(1), &part(1), show.now).unwrap();
+    let outputs = show.take();
+    assert_eq!(told(&outputs), [insertions(0, &[1])]);
+    assert!(sent(&outputs, A).is_empty(), "no node is told before");
+    show.frame(&[A]);
+    assert_eq!((show.master.standbys_follow(show.now), courses(&told(&show.outputs))), (None, vec![1]));
+    show.say(STANDBY, ToMaster::Prepared { epoch: 2 });
+    assert_eq!(show.master.standbys_follow(show.now), Some(Ok(())));
+    show.master.begin_epoch(show.now);
+    assert!(matches!(&sent(&show.take(), A)[..], [ToTile::Manifest(manifest)] if manifest.epoch == 2));
+    show.say(A, ToMaster::Prepared { epoch: 2 });
+    show.frame(&[A]);
+    assert_eq!(courses(&told(&show.outputs)), [2]);
+    // One that comes now is told of it, and of nothing else before it is prepared.
     show.master.handle_disconnected(STANDBY, show.now);
-    show.master.begin_epoch(&part(1), show.now).unwrap();
+    assert_eq!(stand_by(&mut show), [insertions(1, &[1])]);
+    show.frame(&[A]);
+    assert_eq!(courses(&told(&show.outputs)), [0; 0]);
+    show.master.propose_epoch(insertion(2), &part(2), show.now).unwrap();
+    assert_eq!(told(&show.take()), [insertions(1, &[1, 2])]);
+    assert_eq!(courses(&told(&show.say(STANDBY, ToMaster::Prepared { epoch: 2 }))), [2]);
+    assert_eq!(show.master.standbys_follow(show.now), None);
+    assert_eq!(closed(&show.say(STANDBY, ToMaster::Prepared { epoch: 4 }), STANDBY), Some(ByeCode::Malformed));
+    assert_eq!(show.master.standbys_follow(show.now), Some(Ok(())), "it is gone");
+}
+
+#[test]
+fn what_a_standby_cannot_follow_is_refused_and_may_be_proposed_again() {
+    let mut show = Show::new();
+    show.join(A, "t0x0");
+    stand_by(&mut show);
+    show.say(STANDBY, ToMaster::Prepared { epoch: 1 });
+    for _ in 0..2 {
+        show.master.propose_epoch(insertion(1), &part(1), show.now).unwrap();
+        assert_eq!(told(&show.take()), [insertions(0, &[1])]);
+        assert_eq!(show.say(STANDBY, ToMaster::unprepared(2, "no such file".into())), []);
+        let reason = "the master that stands by cannot follow: no such file".to_owned();
+        assert_eq!(show.master.standbys_follow(show.now), Some(Err(reason)));
+        assert_eq!(show.master.standbys_follow(show.now), None, "nothing is proposed");
+    }
+    // What it was prepared for in vain counts for nothing.
+    show.master.propose_epoch(insertion(1), &part(1), show.now).unwrap();
+    show.say(STANDBY, ToMaster::Prepared { epoch: 2 });
+    show.say(STANDBY, ToMaster::unprepared(2, "lost".into()));
+    assert!(matches!(show.master.standbys_follow(show.now), Some(Err(_))));
+    show.master.propose_epoch(insertion(2), &part(2), show.now).unwrap();
+    assert_eq!(show.master.standbys_follow(show.now), None);
+    // One that takes too long is no longer waited for, and hears nothing before it has caught up.
     show.take();
-    assert_eq!(greet(&mut show, &[part(0)]), Some(ByeCode::Refused), "it would soon have another scene");
+    show.now += EPOCH_WAIT;
+    assert_eq!(show.master.standbys_follow(show.now), Some(Ok(())));
+    show.master.begin_epoch(show.now);
+}
+
+#[test]
+fn a_standby_that_cannot_follow_what_is_shown_goes() {
+    let mut show = Show::new();
+    show.grow(1).unwrap();
+    stand_by(&mut show);
+    let out = show.say(STANDBY, ToMaster::unprepared(2, "no such file".into()));
+    assert_eq!(closed(&out, STANDBY), Some(ByeCode::Refused), "nodes know of it already");
     show.frame(&[]);
-    assert_eq!(greet(&mut show, &[part(0)]), Some(ByeCode::Refused));
-    assert_eq!(greet(&mut show, &[part(0), part(1)]), None, "one that has the same scene may");
+    assert_eq!(stand_by(&mut show), [insertions(1, &[1])]);
+    let out = show.say(STANDBY, ToMaster::unprepared(2, "no such file".into()));
+    assert_eq!(closed(&out, STANDBY), Some(ByeCode::Refused));
+    for (peer, node) in [(A, "t0x0"), (B, "t1x0")] {
+        show.join(peer, node);
+    }
+    let out = show.say(A, ToMaster::unprepared(2, "what?".into()));
+    assert_eq!((closed(&out, A), closed(&out, B)), (Some(ByeCode::Malformed), None), "a node is none");
 }

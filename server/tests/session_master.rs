@@ -31,7 +31,15 @@ fn master() -> Master {
     let wall: Arc<Wall> = Arc::new(WallConfig::parse(text).unwrap());
     let barrier = BarrierOptions { wait: ms(14), start_wait: Duration::ZERO, start_nodes: vec![] };
     let pace = Pace::Every(PERIOD);
-    let options = MasterOptions { barrier, pace, first_frame: 0, frames: None, sections: vec![], session_seed: [1; 32] };
+    let options = MasterOptions {
+        barrier,
+        pace,
+        first_frame: 0,
+        frames: None,
+        sections: vec![],
+        insertions: vec![],
+        session_seed: [1; 32],
+    };
     Master::new(wall, options, Duration::ZERO)
 }
 

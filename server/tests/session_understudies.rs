@@ -12,8 +12,8 @@ use mullion_common::scene::{ObjectId, Presence, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
-    ALIVE_EVERY, Budget, ByeCode, ChunkHello, Course, Hello, Moved, Opening, Part, Ping, RivalHello, SILENCE_LIMIT, StandbyHello,
-    Stats, Steering, ToMaster, ToStandby, ToTile,
+    ALIVE_EVERY, Budget, ByeCode, ChunkHello, Course, Hello, Insertions, Moved, Opening, Part, Ping, RivalHello, SILENCE_LIMIT,
+    StandbyHello, Stats, Steering, ToMaster, ToStandby, ToTile,
 };
 use mullion_server::master::{
     Admission, FrameInput, MAX_STANDBYS, Master, MasterOptions, Output, Pace, PeerId, SPARE_AFTER, TAKEOVER_AFTER,
@@ -39,7 +39,8 @@ fn wall(columns: u32) -> Arc<Wall> {
 fn master(first_frame: u64) -> Master {
     let barrier = BarrierOptions { wait: ms(14), start_wait: Duration::ZERO, start_nodes: vec![] };
     let pace = Pace::Every(ms(10));
-    let options = MasterOptions { barrier, pace, first_frame, frames: None, sections: vec![], session_seed: [1; 32] };
+    let options =
+        MasterOptions { barrier, pace, first_frame, frames: None, sections: vec![], insertions: vec![], session_seed: [1; 32] };
     Master::new(wall(2), options, Duration::ZERO)
 }
 
@@ -48,8 +49,9 @@ fn outputs(master: &mut Master) -> Vec<Output> {
 }
 
 fn courses(outputs: &[Output]) -> Vec<Course> {
-    let courses = bodies(outputs, STANDBY).into_iter().map(|body| match ToStandby::decode(body).unwrap() {
-        ToStandby::Course(course) => *course,
+    let courses = bodies(outputs, STANDBY).into_iter().filter_map(|body| match ToStandby::decode(body).unwrap() {
+        ToStandby::Course(course) => Some(*course),
+        ToStandby::Insertions(none) if none == Insertions::default() => None,
         other => panic!("{other:?}"),
     });
     courses.collect()
@@ -176,6 +178,7 @@ fn spares_are_bounded_kept_informed_and_let_go_when_silent() {
 fn stand_by(master: &mut Master, peer: PeerId, hello: StandbyHello, now: Duration) -> Vec<Output> {
     master.handle_connected(peer, now);
     master.handle_opening(peer, Opening::Standby(hello), now);
+    master.handle_message(peer, ToMaster::Prepared { epoch: 1 }, now);
     outputs(master)
 }
 

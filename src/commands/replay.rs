@@ -6,14 +6,15 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, anyhow, ensure};
-use glam::DAffine3;
 use mullion_common::scene::Package;
 use mullion_common::visible_set::VisibleSet;
+use mullion_common::wire::Insertion;
 use mullion_server::control::LiveScene;
 use mullion_server::cull::Algorithm;
-use mullion_server::library::{Library, content_hash};
+use mullion_server::library::Library;
+use mullion_server::prepare::{Placement, graft};
 use mullion_server::record::{Ending, Header, Reader};
-use mullion_server::service::{Insertion, Offer};
+use mullion_server::service::{FreshScene, Offer};
 
 use super::prepare::HowToPrepare;
 use crate::files::{open_scene, open_wall};
@@ -49,7 +50,8 @@ pub fn run(options: &Options) -> Result<()> {
         .as_deref()
         .map(|folder| Library::open(folder).with_context(|| format!("--library: {}", folder.display())));
     let library = library.transpose()?;
-    let mut package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
+    let first = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
+    let mut package = Arc::clone(&first);
     let same = Header::of(&wall, &package, algorithm.name(), 0.0, "")?;
     reader.header().check_same(&same).map_err(|e| anyhow!("{shown}: {e}"))?;
     let mut scene = LiveScene::new(algorithm, &wall, &package);
@@ -60,6 +62,12 @@ pub fn run(options: &Options) -> Result<()> {
     let mut is_offered = false;
     while let Some(mut frame) = reader.next_frame().with_context(|| shown.clone())? {
         let number = frame.number;
+        if let Some(insertions) = &frame.begins_with {
+            let fresh = grown(&first, insertions, library.as_ref()).with_context(|| format!("{shown}: frame {number}"))?;
+            package = Arc::clone(fresh.package());
+            (objects, is_offered) = (package.scene.objects.len(), false);
+            frame.pose.begins_with = Some(Arc::new(fresh));
+        }
         let grown = package.scene.objects.len();
         if let Some(insertion) = &frame.insertion {
             let offer = offer(&package, insertion, library.as_ref()).with_context(|| format!("{shown}: frame {number}"))?;
@@ -96,12 +104,25 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
+/// The package of an insertion.
+fn inserted(insertion: &Insertion, library: Option<&Library>) -> Result<Package> {
+    let name = &insertion.package;
+    let library = library.ok_or_else(|| anyhow!("package {name:?} was inserted: name its folder with --library"))?;
+    Ok(library.inserted(insertion)?)
+}
+
 /// The scene that an insertion made.
-fn offer(base: &Package, insertion: &Insertion, library: Option<&Library>) -> Result<Offer> {
-    let Insertion { package, hash, under, world_from_root } = insertion;
-    let library = library.ok_or_else(|| anyhow!("package {package:?} was inserted: name its folder with --library"))?;
-    let added = library.read(package)?;
-    ensure!(content_hash(&added)? == *hash, "package {package:?} is another one than was inserted");
-    let (offer, _) = Offer::new(base, &added, package, *under, DAffine3::from_cols_array(world_from_root))?;
-    Ok(offer)
+fn offer(base: &Arc<Package>, insertion: &Insertion, library: Option<&Library>) -> Result<Offer> {
+    let added = inserted(insertion, library)?;
+    let Placement { name, under, world_from_root } = Placement::of(insertion);
+    Ok(Offer::new(base, &added, &name, under, world_from_root)?.0)
+}
+
+/// The scene that insertions under another master made.
+fn grown(first: &Arc<Package>, insertions: &[Insertion], library: Option<&Library>) -> Result<FreshScene> {
+    let mut package = Arc::clone(first);
+    for insertion in insertions {
+        package = Arc::new(graft(&package, &inserted(insertion, library)?, &Placement::of(insertion))?);
+    }
+    Ok(FreshScene::new(package, insertions.to_vec()))
 }

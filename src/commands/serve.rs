@@ -48,7 +48,8 @@ pub struct Options {
     /// How long a frame waits for a tile that was ready for the last one, milliseconds; a frame's time and 4 ms if left out.
     #[arg(long, allow_negative_numbers = true, value_name = "MS")]
     barrier: Option<f64>,
-    /// Stand by for the master at this address, and go on with its show when it is gone. Wall and scene must be the same.
+    /// Stand by for the master at this address, and go on with its show when it is gone. Wall and scene must be the same, and --library
+    /// must hold what is inserted there.
     #[arg(long, value_name = "HOST[:PORT]")]
     standby_of: Option<String>,
     /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.
@@ -99,7 +100,7 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!((0.1..=60_000.0).contains(&barrier_ms), "--barrier: {barrier_ms} is outside 0.1 to 60000 ms");
     let security = options.security()?;
     options.report.as_deref().map_or(Ok(()), claim)?;
-    options.steering.check()?;
+    options.steering.check(options.standby_of.is_some())?;
     let package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
     let listener = TcpListener::bind(options.listen).with_context(|| format!("cannot listen on {}", options.listen))?;
     let address = listener.local_addr()?;
@@ -120,6 +121,7 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.security = security;
     show_options.frames = options.frames;
     show_options.standby_of = options.standby_of.as_deref().map(with_port);
+    show_options.library = options.steering.library()?;
     show_options.rate = if rate_hz == 0.0 { Rate::AsFastAsPossible } else { Rate::Hz(rate_hz) };
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);
 

@@ -30,8 +30,9 @@ pub struct Steering {
     /// Let --control be an address that other machines reach. Whoever reaches it steers the wall: keep it on a network of its own.
     #[arg(long, requires = "control")]
     control_from_network: bool,
-    /// Let packages of this folder, as `mullion prepare` writes them, be inserted into the running show.
-    #[arg(long = "library", value_name = "DIR", requires = "control")]
+    /// Let packages of this folder, as `mullion prepare` writes them, be inserted into the running show: through --control, or, of a
+    /// standby, by its master.
+    #[arg(long = "library", value_name = "DIR")]
     insert_from: Option<PathBuf>,
     /// Write down all that comes in, for `mullion replay`.
     #[arg(long, value_name = "FILE")]
@@ -50,17 +51,22 @@ pub struct Steered {
 
 impl Steering {
     /// Whether the options fit together; before anything takes long.
-    pub fn check(&self) -> Result<()> {
+    pub fn check(&self, stands_by: bool) -> Result<()> {
         if let Some(address) = self.control {
             ensure!(
                 address.ip().is_loopback() || self.control_from_network,
                 "--control: other machines reach {address}, and whoever reaches it steers the wall; add --control-from-network to allow that"
             );
         }
-        if let Some(folder) = &self.insert_from {
-            Library::open(folder).with_context(|| format!("--library: {}", folder.display()))?;
-        }
-        Ok(())
+        let is_of_use = self.insert_from.is_none() || self.control.is_some() || stands_by;
+        ensure!(is_of_use, "--library: nobody could insert anything; add --control, or --standby-of");
+        self.library().map(|_| ())
+    }
+
+    /// What may be inserted.
+    pub fn library(&self) -> Result<Option<Library>> {
+        let open = |folder: &PathBuf| Library::open(folder).with_context(|| format!("--library: {}", folder.display()));
+        self.insert_from.as_ref().map(open).transpose()
     }
 
     /// Starts what listens.
@@ -74,10 +80,8 @@ impl Steering {
         metrics: MetricsReader,
     ) -> Result<Steered> {
         let (mut inlet, batches, questions) = control::channel(wall, package);
-        if let Some(folder) = &self.insert_from {
-            let named = || format!("--library: {}", folder.display());
-            let library = Library::open(folder).with_context(named)?;
-            inlet = inlet.inserting_from(library).with_context(named)?;
+        if let Some(library) = self.library()? {
+            inlet = inlet.inserting_from(library).context("--library")?;
         }
         let mut driver = Driver::new(Arc::clone(wall), path, batches);
         let board = Arc::new(Board::new(wall, driver.clock()));

@@ -1,6 +1,7 @@
 //! What several integration tests need.
 #![allow(dead_code)] // each test uses its part
 
+pub mod masters;
 pub mod painter;
 pub mod random;
 pub mod relay;

@@ -31,7 +31,7 @@ impl<W: Witness> Painter for Blank<W> {
     }
 
     fn grow_scene(&mut self, _: &Arc<SceneManifest>) -> Result<(), PaintError> {
-        panic!("this scene does not grow")
+        Ok(())
     }
 
     fn upload(&mut self, _: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {

@@ -33,6 +33,8 @@ pub(super) mod tag {
     pub const COURSE: u8 = 17;
     pub const RIVAL_HELLO: u8 = 18;
     pub const PREPARED: u8 = 19;
+    pub const INSERTIONS: u8 = 20;
+    pub const UNPREPARED: u8 = 21;
 }
 
 /// What a node did lately. Whether or not anything changed, one comes every second.
@@ -86,10 +88,17 @@ pub enum ToMaster {
         shown: Option<Shown>,
     },
     /// It holds the tables of a scene that has grown, and the chunks of what it would see of that: the answer to every manifest but the
-    /// first.
+    /// first. Of a standby: it can take over a show of that epoch.
     Prepared {
-        /// Of the manifest.
+        /// Of the manifest, or of the newest scene that a standby holds.
         epoch: u32,
+    },
+    /// A standby cannot follow a scene that grows.
+    Unprepared {
+        /// Which it cannot take over.
+        epoch: u32,
+        /// Why, for people. One line.
+        reason: String,
     },
     /// What time is it there?
     Ping(Ping),
@@ -182,13 +191,7 @@ pub struct Bye {
 impl Bye {
     /// A reason longer than its cap is cut.
     pub fn new(code: ByeCode, reason: impl Into<String>) -> Self {
-        let mut reason: String = reason.into();
-        let mut end = reason.len().min(MAX_REASON_BYTES);
-        while !reason.is_char_boundary(end) {
-            end -= 1;
-        }
-        reason.truncate(end);
-        Self { code, reason }
+        Self { code, reason: cut(reason.into()) }
     }
 
     /// What answers a message that could not be read.
@@ -202,6 +205,16 @@ impl Bye {
         };
         Self::new(code, error.to_string())
     }
+}
+
+/// A reason that fits its cap.
+fn cut(mut reason: String) -> String {
+    let mut end = reason.len().min(MAX_REASON_BYTES);
+    while !reason.is_char_boundary(end) {
+        end -= 1;
+    }
+    reason.truncate(end);
+    reason
 }
 
 impl fmt::Display for Bye {
@@ -324,8 +337,8 @@ pub enum ChunkReply<'a> {
 }
 
 #[derive(Serialize, Deserialize)]
-struct ByeHead {
-    code: u32,
+struct ReasonHead {
+    number: u32,
     reason: String,
 }
 
@@ -337,15 +350,24 @@ struct PieceHead {
 }
 
 pub(super) fn put_bye(out: &mut Vec<u8>, bye: &Bye) -> Result<(), WireError> {
-    within("bytes of a reason", bye.reason.len(), MAX_REASON_BYTES)?;
-    Ok(codec::encode_into(&ByeHead { code: bye.code.number(), reason: bye.reason.clone() }, out)?)
+    put_reason(out, bye.code.number(), &bye.reason)
+}
+
+fn put_reason(out: &mut Vec<u8>, number: u32, reason: &str) -> Result<(), WireError> {
+    within("bytes of a reason", reason.len(), MAX_REASON_BYTES)?;
+    Ok(codec::encode_into(&ReasonHead { number, reason: reason.to_owned() }, out)?)
 }
 
 pub(super) fn take_bye(rest: &[u8]) -> Result<Bye, WireError> {
-    let head: ByeHead = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
-    within("bytes of a reason", head.reason.len(), MAX_REASON_BYTES)?;
-    let reason = head.reason.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    Ok(Bye { code: ByeCode::from_number(head.code), reason })
+    let (number, reason) = take_reason(rest)?;
+    Ok(Bye { code: ByeCode::from_number(number), reason })
+}
+
+/// A number, and why, in one line.
+fn take_reason(rest: &[u8]) -> Result<(u32, String), WireError> {
+    let ReasonHead { number, reason } = codec::decode::<_, MAX_OPENING_BYTES>(rest)?;
+    within("bytes of a reason", reason.len(), MAX_REASON_BYTES)?;
+    Ok((number, reason.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()))
 }
 
 pub(super) fn split_tag(body: &[u8], cap: usize) -> Result<(u8, &[u8]), WireError> {
@@ -354,6 +376,11 @@ pub(super) fn split_tag(body: &[u8], cap: usize) -> Result<(u8, &[u8]), WireErro
 }
 
 impl ToMaster {
+    /// What says why a scene is not followed. A reason longer than its cap is cut.
+    pub fn unprepared(epoch: u32, reason: String) -> Self {
+        Self::Unprepared { epoch, reason: cut(reason) }
+    }
+
     /// Writes the whole message to `out`, which it empties first.
     ///
     /// # Errors
@@ -363,6 +390,7 @@ impl ToMaster {
         match self {
             Self::Ready { frame, shown } => framed(out, tag::READY, cap, |out| Ok(codec::encode_into(&(frame, shown), out)?)),
             Self::Prepared { epoch } => framed(out, tag::PREPARED, cap, |out| Ok(codec::encode_into(epoch, out)?)),
+            Self::Unprepared { epoch, reason } => framed(out, tag::UNPREPARED, cap, |out| put_reason(out, *epoch, reason)),
             Self::Ping(ping) => framed(out, tag::PING, cap, |out| Ok(codec::encode_into(ping, out)?)),
             Self::Stats(stats) => framed(out, tag::STATS, cap, |out| Ok(codec::encode_into(stats, out)?)),
             Self::Bye(bye) => framed(out, tag::BYE, cap, |out| put_bye(out, bye)),
@@ -381,6 +409,10 @@ impl ToMaster {
                 Ok(Self::Ready { frame, shown })
             }
             tag::PREPARED => Ok(Self::Prepared { epoch: codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)? }),
+            tag::UNPREPARED => {
+                let (epoch, reason) = take_reason(rest)?;
+                Ok(Self::Unprepared { epoch, reason })
+            }
             tag::PING => Ok(Self::Ping(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
             tag::STATS => Ok(Self::Stats(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
             tag::BYE => Ok(Self::Bye(take_bye(rest)?)),

@@ -36,7 +36,9 @@
 //! | 16 | [`StandbyHello`] | standby | magic `MULL`, version u32, hash of the wall, hash of the scene |
 //! | 17 | [`Course`] | master, standby | see [`Course`]; answered by Ready |
 //! | 18 | [`RivalHello`] | master, master | as StandbyHello, then live_nodes u32, port u16; answered by Bye |
-//! | 19 | Prepared | node, control | epoch u32 |
+//! | 19 | Prepared | node, control; standby | epoch u32 |
+//! | 20 | [`Insertions`] | master, standby | entered u32, list of [`Insertion`]; answered by Prepared or Unprepared |
+//! | 21 | Unprepared | standby | epoch u32, reason string |
 //!
 //! # A session
 //! `Hello` → `Welcome`, `Manifest`; then the node opens its chunk connection with the session number that `Welcome`
@@ -74,12 +76,12 @@ pub use frame::{Budget, Frame, FrameView, Moved};
 pub use manifest::{Manifest, SectionRef};
 pub use message::{Bye, ByeCode, ChunkReply, Piece, Ping, Pong, Shown, Stats, ToMaster, ToTile, ViewSpec, Want, Welcome};
 pub use opening::{ChunkHello, Hello, Opening, Part};
-pub use standby::{Course, RivalHello, StandbyHello, Steering, ToStandby};
+pub use standby::{Course, Insertion, Insertions, RivalHello, StandbyHello, Steering, ToStandby};
 
 use crate::scene::{MAX_CHUNK_BYTES, SectionKind};
 
 /// Version of the protocol. Master and nodes speak only their own.
-pub const PROTOCOL_VERSION: u32 = 4;
+pub const PROTOCOL_VERSION: u32 = 5;
 /// First bytes of a greeting, after its tag.
 pub const MAGIC: [u8; 4] = *b"MULL";
 
@@ -100,6 +102,8 @@ pub const MAX_CHUNK_REPLY_BYTES: usize = MAX_PIECE_BYTES + 64;
 
 /// Longest name of a node or tile.
 pub const MAX_NAME_BYTES: usize = 64;
+/// Longest name of a package.
+pub const MAX_PACKAGE_NAME_BYTES: usize = 255;
 /// Longest credentials.
 pub const MAX_CREDENTIALS_BYTES: usize = 512;
 /// Most hashes in a greeting's list of what is cached.

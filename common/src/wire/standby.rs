@@ -5,16 +5,19 @@ use serde::{Deserialize, Serialize};
 
 use super::frame::{put_moved, take_head, take_moved};
 use super::message::{put_bye, split_tag, tag, take_bye};
-use super::{Budget, Bye, MAX_TO_TILE_BYTES, MAX_WALL_VIEWS, Moved, SectionRef, ViewSpec, WireError, codec, framed, within};
+use super::{
+    Budget, Bye, MAX_PACKAGE_NAME_BYTES, MAX_PARTS, MAX_TO_TILE_BYTES, MAX_WALL_VIEWS, Moved, SectionRef, ViewSpec, WireError,
+    codec, framed, within,
+};
 use crate::scene::{ChunkHash, ObjectId, Presence};
 use crate::wall::Wall;
 
-/// A standby's greeting on its only connection. Both sides must have the same wall and the same scene.
+/// A standby's greeting on its only connection. Both sides must have the same wall, and have begun with the same scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StandbyHello {
     /// Of its wall: BLAKE3 of every node's name and views, as welcomes have them.
     pub wall: ChunkHash,
-    /// Of its scene: BLAKE3 of the hashes of the manifest's sections.
+    /// Of the scene that it began with: BLAKE3 of the hashes of the manifest's sections.
     pub scene: ChunkHash,
 }
 
@@ -47,6 +50,44 @@ pub struct RivalHello {
     pub port: u16,
 }
 
+/// What is inserted into a scene, and where.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Insertion {
+    /// The package's name in a library.
+    #[serde(deserialize_with = "codec::text")]
+    pub package: String,
+    /// What it holds: made of the hashes of its tables.
+    pub hash: ChunkHash,
+    /// The object that it becomes part of.
+    pub under: Option<ObjectId>,
+    /// Where the package's world is in the scene's: three columns, then the translation.
+    pub world_from_root: [f64; 12],
+}
+
+/// What a scene grew by, from the one that the show began with. Comes first, and again when there is more.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Insertions {
+    /// How many of them are in the scene that is shown. Its epoch is one more.
+    pub entered: u32,
+    /// In order: those of the scene that is shown, and the one that is to come next.
+    #[serde(deserialize_with = "codec::list")]
+    pub list: Vec<Insertion>,
+}
+
+impl Insertions {
+    fn check(&self) -> Result<(), WireError> {
+        within("insertions", self.list.len(), MAX_PARTS - 1)?;
+        within("insertions that are shown", self.entered as usize, self.list.len())?;
+        for insertion in &self.list {
+            within("bytes of a package's name", insertion.package.len(), MAX_PACKAGE_NAME_BYTES)?;
+            if !insertion.world_from_root.iter().all(|number| number.is_finite()) {
+                return Err(WireError::NotFinite { what: "where a package is inserted" });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// How a show is steered, apart from where everything is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Steering {
@@ -60,7 +101,7 @@ pub struct Steering {
 
 /// Where the show stands at a frame.
 ///
-/// As bytes after the tag: number u64, scene time f64, `world_from_room` 12 × f64, base `Option<u64>`, path frame u64, held after
+/// As bytes after the tag: number u64, epoch u32, scene time f64, `world_from_room` 12 × f64, base `Option<u64>`, path frame u64, held after
 /// `Option<u32>`, off path u8, counts of eyes, budgets, presences and moved objects, each u32; for each eye 3 × f64; for each budget
 /// `Option<u32>` triangles, `Option<u32>` microseconds; for each presence: object u32, u8 (0 there, 1 away); for each moved object: id u32,
 /// 12 × f64.
@@ -68,6 +109,8 @@ pub struct Steering {
 pub struct Course {
     /// The frame's number.
     pub number: u64,
+    /// Which scene it is of.
+    pub epoch: u32,
     /// Time in the scene, seconds.
     pub scene_time_s: f64,
     /// Where the room is in the world.
@@ -89,7 +132,9 @@ pub struct Course {
 /// From the master to its standby.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ToStandby {
-    /// Where the show stands.
+    /// What the scene grew by.
+    Insertions(Insertions),
+    /// Where the show stands. Comes to a standby that is prepared for the course's epoch.
     Course(Box<Course>),
     /// The master is there and has nothing to say.
     Alive,
@@ -100,6 +145,7 @@ pub enum ToStandby {
 #[derive(Serialize, Deserialize)]
 struct Head {
     number: u64,
+    epoch: u32,
     scene_time_s: f64,
     world_from_room: [f64; 12],
     base: Option<u64>,
@@ -112,6 +158,10 @@ struct Head {
 
 /// Largest number of a frame that a standby goes on from: what is counted on from there never overflows.
 const MAX_FRAME: u64 = 1 << 48;
+/// Longest list of insertions.
+const MAX_INSERTIONS_BYTES: usize = 1 << 20;
+const INSERTION_BYTES: usize = 8 + MAX_PACKAGE_NAME_BYTES + 32 + 5 + 12 * 8;
+const _: () = assert!(4 + 8 + MAX_PARTS * INSERTION_BYTES <= MAX_INSERTIONS_BYTES, "a full list fits its cap");
 const EYE_BYTES: usize = size_of::<[f64; 3]>();
 const PRESENCE_BYTES: usize = 4 + 1;
 
@@ -125,6 +175,7 @@ impl Course {
         framed(out, tag::COURSE, MAX_TO_TILE_BYTES, |out| {
             let head = Head {
                 number: self.number,
+                epoch: self.epoch,
                 scene_time_s: self.scene_time_s,
                 world_from_room: self.world_from_room.to_cols_array(),
                 base: self.base,
@@ -160,6 +211,7 @@ impl Course {
         let eyes = eyes.chunks_exact(EYE_BYTES).map(|bytes| DVec3::from(bytemuck::pod_read_unaligned::<[f64; 3]>(bytes)));
         let course = Self {
             number: head.number,
+            epoch: head.epoch,
             scene_time_s: head.scene_time_s,
             world_from_room: DAffine3::from_cols_array(&head.world_from_room),
             base: head.base,
@@ -201,6 +253,10 @@ impl ToStandby {
     /// When a part passes its cap.
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         match self {
+            Self::Insertions(insertions) => {
+                insertions.check()?;
+                framed(out, tag::INSERTIONS, MAX_TO_TILE_BYTES, |out| Ok(codec::encode_into(insertions, out)?))
+            }
             Self::Course(course) => course.encode(out),
             Self::Alive => framed(out, tag::ALIVE, MAX_TO_TILE_BYTES, |_| Ok(())),
             Self::Bye(bye) => framed(out, tag::BYE, MAX_TO_TILE_BYTES, |out| put_bye(out, bye)),
@@ -214,6 +270,10 @@ impl ToStandby {
     pub fn decode(body: &[u8]) -> Result<Self, WireError> {
         let (tag, rest) = split_tag(body, MAX_TO_TILE_BYTES)?;
         match tag {
+            tag::INSERTIONS => {
+                let insertions: Insertions = codec::decode::<_, MAX_INSERTIONS_BYTES>(rest)?;
+                insertions.check().map(|()| Self::Insertions(insertions))
+            }
             tag::COURSE => Ok(Self::Course(Box::new(Course::decode(rest)?))),
             tag::ALIVE if rest.is_empty() => Ok(Self::Alive),
             tag::BYE => Ok(Self::Bye(take_bye(rest)?)),

@@ -30,6 +30,7 @@ fn rival_hello() -> Opening {
 fn course() -> ToStandby {
     ToStandby::Course(Box::new(Course {
         number: 9,
+        epoch: 2,
         scene_time_s: 0.5,
         world_from_room: DAffine3::from_translation(DVec3::new(1.0, 2.0, 4.0)),
         base: Some(8),
@@ -39,6 +40,16 @@ fn course() -> ToStandby {
         presence: vec![(ObjectId(4), Presence::Away), (ObjectId(2), Presence::There)],
         moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
     }))
+}
+
+fn insertions() -> ToStandby {
+    let insertion = |under| Insertion {
+        package: "a".into(),
+        hash: ChunkHash([0xab; 32]),
+        under,
+        world_from_root: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0],
+    };
+    ToStandby::Insertions(Insertions { entered: 1, list: vec![insertion(None), insertion(Some(ObjectId(6)))] })
 }
 
 fn welcome() -> ToTile {
@@ -130,6 +141,8 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
         ("course", bytes(|out| course().encode(out))),
         ("rival hello", bytes(|out| rival_hello().encode(out))),
         ("prepared", bytes(|out| ToMaster::Prepared { epoch: 258 }.encode(out))),
+        ("insertions", bytes(|out| insertions().encode(out))),
+        ("unprepared", bytes(|out| ToMaster::unprepared(258, "no".into()).encode(out))),
     ]
 }
 
@@ -139,16 +152,16 @@ fn golden_bytes() {
     let golden = [
         (
             "hello",
-            format!("01 4d554c4c04000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
+            format!("01 4d554c4c05000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
         ),
-        ("chunk hello", "02 4d554c4c04000000 0201000000000000".into()),
+        ("chunk hello", "02 4d554c4c05000000 0201000000000000".into()),
         ("ready", "03 0201000000000000 01 0101000000000000 0700000000000000".into()),
         ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
         ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
         (
             "welcome",
             format!(
-                "06 04000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
+                "06 05000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
                  01000000 {} 80020000 e0010000 {} {} 0500000000000000",
                 f64s(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
                 f64s(&[0.25]),
@@ -177,11 +190,11 @@ fn golden_bytes() {
         ("bye on chunks", "05 03000000 0200000000000000 6e6f".into()),
         ("ping", "0e 0201000000000000".into()),
         ("pong", "0f 0201000000000000 0300000000000000".into()),
-        ("standby hello", format!("10 4d554c4c04000000 {ab} {}", "cd".repeat(32))),
+        ("standby hello", format!("10 4d554c4c05000000 {ab} {}", "cd".repeat(32))),
         (
             "course",
             format!(
-                "11 0900000000000000 {} {} 010800000000000000 0700000000000000 0102000000 01 01000000 01000000 02000000 01000000 \
+                "11 0900000000000000 02000000 {} {} 010800000000000000 0700000000000000 0102000000 01 01000000 01000000 02000000 01000000 \
                  {} 00 01f4010000 0400000001 0200000000 06000000 {}",
                 f64s(&[0.5]),
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0]),
@@ -189,8 +202,16 @@ fn golden_bytes() {
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
             ),
         ),
-        ("rival hello", format!("12 4d554c4c04000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
+        ("rival hello", format!("12 4d554c4c05000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
         ("prepared", "13 02010000".into()),
+        (
+            "insertions",
+            format!(
+                "14 01000000 0200000000000000 010000000000000061 {ab} 00 {place} 010000000000000061 {ab} 01 06000000 {place}",
+                place = f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0]),
+            ),
+        ),
+        ("unprepared", "15 02010000 0200000000000000 6e6f".into()),
     ];
     for ((name, bytes), (golden_name, golden)) in samples().iter().zip(golden) {
         assert_eq!(*name, golden_name);
@@ -203,7 +224,7 @@ fn messages_go_round() {
     for opening in [hello(), standby_hello(), rival_hello()] {
         assert_eq!(Opening::decode(body_of(&bytes(|out| opening.encode(out)))), Ok(opening));
     }
-    for message in [course(), ToStandby::Alive] {
+    for message in [course(), insertions(), ToStandby::Alive] {
         assert_eq!(ToStandby::decode(body_of(&bytes(|out| message.encode(out)))), Ok(message));
     }
     for message in [welcome(), manifest(), ToTile::Frame(frame()), ToTile::Swap { frame: 3 }, ToTile::Alive] {
@@ -314,14 +335,14 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn no_bytes_make_a_decoder_panic(tag in 0..20u8, rest in proptest::collection::vec(any::<u8>(), 0..300)) {
+    fn no_bytes_make_a_decoder_panic(tag in 0..22u8, rest in proptest::collection::vec(any::<u8>(), 0..300)) {
         decode_all(&[&[tag][..], &rest].concat());
         decode_all(&[&[tag][..], &MAGIC, &PROTOCOL_VERSION.to_le_bytes(), &rest].concat());
     }
 
     #[test]
     fn mutated_messages_do_not_panic(
-        which in 0..20usize, edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        which in 0..samples().len(), edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         keep in any::<prop::sample::Index>(), cut in any::<bool>(),
     ) {
         let mut body = body_of(&samples()[which].1).to_vec();

@@ -12,7 +12,7 @@ use mullion_common::wire::{Budget, Course, Moved, Steering};
 
 use super::check::Change;
 use super::queue::Batches;
-use crate::service::{Pose, Succession};
+use crate::service::{Heritage, Pose, Succession};
 use crate::tree::Presence;
 
 /// How a show's time stands; read by whoever tells of it.
@@ -103,7 +103,11 @@ impl Driver {
     /// moved, came or went before is the service's to tell.
     pub fn pose(&mut self, frame: u64) -> Pose {
         let steered = &mut self.steered;
-        self.clock.succession.heritage().into_iter().for_each(|before| steered.inherit(before));
+        if let Some(Heritage { course, package }) = self.clock.succession.heritage() {
+            self.batches.checker().grow(package);
+            steered.inherit(course);
+            self.clock.succession.drive();
+        }
         self.batches.take(frame, |change| steered.apply(change));
         let path_frame = steered.pass(frame);
         self.clock.path_frame.store(path_frame, Ordering::Relaxed);
@@ -120,6 +124,7 @@ impl Driver {
             steering: steered.steering(path_frame),
             offer: self.batches.take_offer(),
             grows: false,
+            begins_with: None,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! A scene as poses change it, and what each view sees of it.
 
 use std::sync::Arc;
+use std::thread;
 
 use mullion_common::scene::Package;
 use mullion_common::visible_set::VisibleSet;
@@ -68,8 +69,13 @@ impl LiveScene {
         }
     }
 
-    /// Begins with the scene that was offered, where its time has come, and takes what is offered.
+    /// Begins with the scene that was offered or inherited, where its time has come, and takes what is offered.
     fn grow(&mut self, pose: &Pose) {
+        if let Some(scene) = pose.begins_with.as_ref().and_then(|fresh| fresh.take()) {
+            let before = (std::mem::replace(&mut self.scene, scene), self.next.take());
+            // Its memory takes time to be given back.
+            let _ = thread::Builder::new().name("retire".to_owned()).spawn(move || drop(before)); // without a thread, here and now
+        }
         if let Some(Next { offer, scene, .. }) = self.next.take_if(|_| pose.grows) {
             let before = std::mem::replace(&mut self.scene, scene);
             offer.tell(Outcome::Retired(Box::new(before)));

@@ -62,6 +62,7 @@ pub struct Inlet {
 
 /// Where frames take commands.
 pub struct Batches {
+    checker: Checker,
     receiver: Receiver<Batch>,
     queued: Arc<AtomicUsize>,
     succession: Succession,
@@ -82,8 +83,9 @@ pub fn channel(wall: &Arc<Wall>, package: &Arc<Package>) -> (Inlet, Batches, Que
     let checker = Checker::new(Arc::clone(wall), Arc::clone(package));
     let succession = Succession::default();
     let (queue, heirs) = (Arc::clone(&queued), succession.clone());
+    let checks = checker.clone();
     let inlet = Inlet { checker, batches, questions, queued: queue, succession: heirs, offers, grafter: None };
-    let batches = Batches { receiver: batch_receiver, queued, succession, offers: offer_receiver };
+    let batches = Batches { checker: checks, receiver: batch_receiver, queued, succession, offers: offer_receiver };
     (inlet, batches, Questions { receiver: question_receiver })
 }
 
@@ -119,7 +121,7 @@ impl Inlet {
     /// # Errors
     /// When one of them cannot be done, the queue is full, or another master drives the show: then none is.
     pub fn submit(&self, commands: &[Command], on_taken: OnTaken) -> Result<(), ControlError> {
-        self.queue(self.checker.changes(commands)?, on_taken)
+        self.queue(|checker| checker.changes(commands), on_taken)
     }
 
     /// Queues moves, as [`mullion_common::control::encode_moves`] wrote them, all for one frame.
@@ -127,7 +129,7 @@ impl Inlet {
     /// # Errors
     /// As [`Inlet::submit`].
     pub fn submit_moves(&self, bytes: &[u8], on_taken: OnTaken) -> Result<(), ControlError> {
-        self.queue(self.checker.moves(decode_moves(bytes)?)?, on_taken)
+        self.queue(|checker| checker.moves(decode_moves(bytes)?), on_taken)
     }
 
     /// Queues a question about the frame that comes next.
@@ -144,12 +146,17 @@ impl Inlet {
         })
     }
 
-    fn queue(&self, changes: Vec<Change>, on_taken: OnTaken) -> Result<(), ControlError> {
-        // Before the question: what comes in between is of a reign that is over.
+    fn queue(
+        &self,
+        check: impl FnOnce(&Checker) -> Result<Vec<Change>, ControlError>,
+        on_taken: OnTaken,
+    ) -> Result<(), ControlError> {
+        // Before the question, and that before the check: what comes in between is of a reign that is over, with a scene of its own.
         let reign = self.succession.reign();
         if self.succession.is_standing_by() {
             return Err(ControlError::StandingBy);
         }
+        let changes = check(&self.checker)?;
         let weight = changes.iter().map(Change::weight).sum();
         let before = self.queued.fetch_add(weight, Ordering::Relaxed);
         let full = |queued| ControlError::Full { queued, cap: MAX_QUEUED };
@@ -184,6 +191,11 @@ impl Batches {
 
     pub(super) fn succession(&self) -> &Succession {
         &self.succession
+    }
+
+    /// What commands are checked by.
+    pub(super) fn checker(&self) -> &Checker {
+        &self.checker
     }
 
     /// A scene that has grown, if one is there.

@@ -1,48 +1,59 @@
 //! A scene that grows while it is shown: nodes are told of the next epoch, and it begins on all of them with one frame.
 //!
 //! ```text
-//! begin_epoch → Manifest to every node … Prepared … → is_epoch_due → enter_epoch, begin_frame
+//! propose_epoch → Insertions to the standby … Prepared … → standbys_follow
+//!   → begin_epoch → Manifest to every node … Prepared … → is_epoch_due → enter_epoch, begin_frame
 //! ```
 
 use std::time::Duration;
 
-use mullion_common::wire::{Bye, ByeCode, MAX_SECTIONS, Manifest, SectionRef, ToTile};
+use mullion_common::scene::SectionKind;
+use mullion_common::wire::{Bye, ByeCode, Insertion, MAX_SECTIONS, Manifest, SectionRef, ToTile};
 use thiserror::Error;
 
 use super::{Kind, Master, PeerId, Phase};
 use crate::swap_barrier::{NodeIndex, Standing};
 
-/// How long live nodes may take to fetch what is new before the epoch begins without those that have not.
+/// How long a standby may take to prepare for an epoch before nodes are told of it nevertheless, and how long live nodes may take then
+/// before it begins without those that have not fetched what is new.
 pub const EPOCH_WAIT: Duration = Duration::from_secs(10);
 
-/// The epoch that nodes are preparing for.
+/// The epoch that standbys, then nodes are preparing for.
 #[derive(Debug)]
 pub(super) struct NextEpoch {
+    insertion: Insertion,
+    /// Of the whole scene.
     sections: Vec<SectionRef>,
+    stage: Stage,
     deadline: Duration,
+}
+
+#[derive(Debug, PartialEq, Eq)]
+enum Stage {
+    /// Standbys know of it.
+    Proposed,
+    /// One of them cannot follow.
+    Refused(String),
+    /// Nodes know of it.
+    Begun,
 }
 
 /// Why a scene does not grow now.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum EpochError {
-    #[error("a master stands by, and cannot follow: it does not have what is inserted")]
-    Standby,
-    #[error("nodes are preparing for another insertion")]
+    #[error("the wall is preparing for another insertion")]
     Busy,
     #[error("the scene has grown as often as it may")]
     TooMany,
 }
 
 impl Master {
-    /// Tells nodes that the scene grows by these sections, one of each kind. Frames go on as they are until [`Master::enter_epoch`].
+    /// Tells standbys that the scene is to grow by these sections, one of each kind. Frames go on as they are until [`Master::enter_epoch`].
     ///
     /// # Errors
     /// When that cannot be now; then nobody is told anything.
-    pub fn begin_epoch(&mut self, added: &[SectionRef], now: Duration) -> Result<(), EpochError> {
-        if !self.standbys.is_empty() {
-            return Err(EpochError::Standby);
-        }
+    pub fn propose_epoch(&mut self, insertion: Insertion, added: &[SectionRef], now: Duration) -> Result<(), EpochError> {
         if self.next_epoch.is_some() {
             return Err(EpochError::Busy);
         }
@@ -50,16 +61,46 @@ impl Master {
         if sections.len() > MAX_SECTIONS {
             return Err(EpochError::TooMany);
         }
-        self.next_epoch = Some(NextEpoch { sections, deadline: now + EPOCH_WAIT });
+        self.next_epoch = Some(NextEpoch { insertion, sections, stage: Stage::Proposed, deadline: now + EPOCH_WAIT });
+        self.send_insertions(now);
+        Ok(())
+    }
+
+    /// Whether standbys are prepared for what was proposed, or the wait for them is over; `None`: not yet.
+    ///
+    /// # Errors
+    /// With the reason of the one that cannot follow. Then nothing is proposed any more.
+    pub fn standbys_follow(&mut self, now: Duration) -> Option<Result<(), String>> {
+        let next = self.next_epoch.take_if(|next| matches!(next.stage, Stage::Refused(_)));
+        if let Some(NextEpoch { stage: Stage::Refused(reason), .. }) = next {
+            return Some(Err(reason));
+        }
+        let next = self.next_epoch.as_ref()?;
+        (now >= next.deadline || self.are_standbys_prepared(self.epoch + 1)).then_some(Ok(()))
+    }
+
+    /// Tells nodes of the epoch that was proposed.
+    ///
+    /// # Panics
+    /// When there is no such epoch: the shell is wrong.
+    pub fn begin_epoch(&mut self, now: Duration) {
+        let is_alone = !self.are_standbys_prepared(self.epoch + 1);
+        let next = self.next_epoch.as_mut().expect("an epoch was proposed");
+        if is_alone {
+            let (package, wait) = (&next.insertion.package, EPOCH_WAIT.as_secs());
+            tracing::warn!(
+                "the standby was not prepared for {package:?} within {wait} s: it cannot take over before it has caught up"
+            );
+        }
+        (next.stage, next.deadline) = (Stage::Begun, now + EPOCH_WAIT);
         for node in (0..self.nodes.len() as u16).map(NodeIndex) {
             self.send_next_epoch(node, now);
         }
-        Ok(())
     }
 
     /// Whether the next epoch may begin: all live nodes are prepared for it, or the wait is over.
     pub fn is_epoch_due(&self, now: Duration) -> bool {
-        let Some(next) = &self.next_epoch else { return false };
+        let Some(next) = self.begun_epoch() else { return false };
         let is_awaited =
             |node: NodeIndex| self.barrier.standing(node) == Standing::Live && !self.is_prepared(node, self.epoch + 1);
         now >= next.deadline || !(0..self.nodes.len() as u16).map(NodeIndex).any(is_awaited)
@@ -72,7 +113,9 @@ impl Master {
     /// When there is no such epoch, or no frame is wanted: the shell is wrong.
     pub fn enter_epoch(&mut self) {
         assert!(self.phase == Phase::Wanted, "an epoch begins with a frame");
-        self.options.sections = self.next_epoch.take().expect("an epoch was begun").sections;
+        let next = self.next_epoch.take().filter(|next| next.stage == Stage::Begun).expect("an epoch was begun");
+        self.options.sections = next.sections;
+        self.options.insertions.push(next.insertion);
         self.epoch += 1;
         for node in (0..self.nodes.len() as u16).map(NodeIndex) {
             self.hold_back_unprepared(node);
@@ -87,7 +130,7 @@ impl Master {
     }
 
     fn send_next_epoch(&mut self, node: NodeIndex, now: Duration) {
-        if let Some(next) = &self.next_epoch {
+        if let Some(next) = self.begun_epoch() {
             let manifest = Manifest { epoch: self.epoch + 1, sections: next.sections.clone() };
             self.send(node, &ToTile::Manifest(manifest), Kind::Control, now);
         }
@@ -95,7 +138,7 @@ impl Master {
 
     /// A node says that it is prepared.
     pub(super) fn handle_prepared(&mut self, peer: PeerId, node: NodeIndex, epoch: u32) {
-        let newest = self.epoch + u32::from(self.next_epoch.is_some());
+        let newest = self.epoch + u32::from(self.begun_epoch().is_some());
         if epoch > newest {
             let reason = format!("prepared for epoch {epoch}, but the newest is {newest}");
             return self.dismiss(peer, Bye::new(ByeCode::Malformed, reason));
@@ -117,7 +160,28 @@ impl Master {
         }
     }
 
-    /// Whether nodes are preparing for an epoch.
+    /// A standby says that it cannot follow to the next epoch; whether that was still a question.
+    pub(super) fn refuse_epoch(&mut self, reason: String) -> bool {
+        let next = self.next_epoch.as_mut().filter(|next| next.stage == Stage::Proposed);
+        next.map(|next| next.stage = Stage::Refused(reason)).is_some()
+    }
+
+    fn begun_epoch(&self) -> Option<&NextEpoch> {
+        self.next_epoch.as_ref().filter(|next| next.stage == Stage::Begun)
+    }
+
+    /// What is to be inserted next, where nobody has refused it.
+    pub(super) fn next_insertion(&self) -> Option<&Insertion> {
+        self.next_epoch.as_ref().filter(|next| !matches!(next.stage, Stage::Refused(_))).map(|next| &next.insertion)
+    }
+
+    /// Sections of the scene that the show began with.
+    pub(super) fn first_sections(&self) -> &[SectionRef] {
+        let grown = self.options.insertions.len() * SectionKind::FOR_TILES.len();
+        &self.options.sections[..self.options.sections.len() - grown]
+    }
+
+    /// Whether the wall is preparing for an epoch.
     pub(super) fn is_growing(&self) -> bool {
         self.next_epoch.is_some()
     }

@@ -75,9 +75,10 @@ impl History {
     }
 
     /// Makes `course` that of the newest frame, for a standby that has acknowledged `acked`; false before the first.
-    pub fn course(&self, acked: Option<u64>, course: &mut Course) -> bool {
+    pub fn course(&self, acked: Option<u64>, epoch: u32, course: &mut Course) -> bool {
         let Some(newest) = self.newest() else { return false };
         course.number = newest;
+        course.epoch = epoch;
         course.scene_time_s = self.scene_time_s;
         course.world_from_room = self.world_from_room;
         course.base = acked.filter(|acked| *acked < newest);

@@ -29,8 +29,8 @@ use mullion_common::scene::{ObjectId, Presence};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 use mullion_common::wire::{
-    ALIVE_EVERY, Budget, Bye, ByeCode, Course, Frame, Hello, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, Pong,
-    SILENCE_LIMIT, SectionRef, Shown, Stats, Steering, ToMaster, ToTile, ViewSpec, Welcome, WireError,
+    ALIVE_EVERY, Budget, Bye, ByeCode, Course, Frame, Hello, Insertion, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part,
+    Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, Steering, ToMaster, ToTile, ViewSpec, Welcome, WireError,
 };
 
 use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, SwapBarrier};
@@ -79,8 +79,10 @@ pub struct MasterOptions {
     pub first_frame: u64,
     /// How many frames the show has, from frame 0 on; `None`: until it is stopped.
     pub frames: Option<u64>,
-    /// What tiles fetch before they draw.
+    /// What tiles fetch before they draw: of what the show began with, and of each insertion.
     pub sections: Vec<SectionRef>,
+    /// What the scene has grown by under masters before.
+    pub insertions: Vec<Insertion>,
     /// Makes session numbers unguessable: random bytes, fresh for each run.
     pub session_seed: [u8; 32],
 }
@@ -288,7 +290,7 @@ impl Master {
             barrier: SwapBarrier::new(nodes.len(), options.barrier.clone()),
             wall,
             admission: Admission::default(),
-            epoch: 1,
+            epoch: 1 + options.insertions.len() as u32,
             next_epoch: None,
             peers: BTreeMap::new(),
             nodes,
@@ -394,6 +396,7 @@ impl Master {
                 }
             },
             ToMaster::Prepared { epoch } => self.handle_prepared(peer, node, epoch),
+            ToMaster::Unprepared { .. } => self.dismiss(peer, Bye::new(ByeCode::Malformed, "a node is no standby")),
             ToMaster::Ping(ping) => {
                 let pong = Pong { at_us: ping.at_us, master_us: now.as_micros() as u64 };
                 self.send(node, &ToTile::Pong(pong), Kind::Alive, now);
@@ -485,7 +488,7 @@ impl Master {
     /// Where the show stands, as a standby that knows nothing is told it; `None` before the first frame.
     pub fn course(&self) -> Option<Course> {
         let mut course = Course::default();
-        self.history.course(None, &mut course).then_some(course)
+        self.history.course(None, self.epoch, &mut course).then_some(course)
     }
 
     /// What to do next, until there is nothing.

@@ -49,6 +49,7 @@ impl Master {
                 let pong = Pong { at_us: ping.at_us, master_us: now.as_micros() as u64 };
                 self.send_to_spare(peer, &ToTile::Pong(pong), now);
             }
+            ToMaster::Unprepared { .. } => self.dismiss(peer, Bye::new(ByeCode::Malformed, "a spare is no standby")),
             ToMaster::Prepared { .. } | ToMaster::Stats(_) => {}
             ToMaster::Bye(bye) => self.drop_peer(peer, bye.clone()),
         }

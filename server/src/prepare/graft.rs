@@ -13,7 +13,7 @@ use mullion_common::scene::{
     ObjectHierarchy, ObjectId, OhNode, Package, PackageError, Scene, SceneManifest, SectionKind, Sources, TextureRef, Transform,
 };
 use mullion_common::visible_set::LeafRange;
-use mullion_common::wire::{MAX_TILE_SECTION_BYTES, codec};
+use mullion_common::wire::{Insertion, MAX_TILE_SECTION_BYTES, codec};
 use thiserror::Error;
 
 use super::assemble::{MAX_LEAVES, push_range, world_bound};
@@ -28,6 +28,14 @@ pub struct Placement {
     pub under: Option<ObjectId>,
     /// Where the package's world is in the scene's.
     pub world_from_root: DAffine3,
+}
+
+impl Placement {
+    /// Where an insertion places its package.
+    pub fn of(insertion: &Insertion) -> Self {
+        let Insertion { package, under, world_from_root, .. } = insertion;
+        Self { name: package.clone(), under: *under, world_from_root: DAffine3::from_cols_array(world_from_root) }
+    }
 }
 
 /// Why packages were not joined.

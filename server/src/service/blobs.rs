@@ -72,11 +72,9 @@ impl Blob {
 }
 
 impl Blobs {
-    /// # Errors
-    /// When a section is larger than nodes take.
-    pub fn new(package: Arc<Package>) -> Result<(Self, Vec<SectionRef>), ServiceError> {
-        let (part, refs) = Part::since(SceneSize::default(), &package)?;
-        Ok((Self { known: RwLock::new(Known { package, parts: vec![Arc::new(part)] }) }, refs))
+    /// For a package and the parts that it grew by.
+    pub fn new(package: Arc<Package>, parts: Vec<Arc<Part>>) -> Self {
+        Self { known: RwLock::new(Known { package, parts }) }
     }
 
     /// Takes a package that grew from the newest one, by that part.

@@ -1,7 +1,8 @@
 //! A scene that grows while it is shown.
 //!
 //! ```text
-//! Offer::new, elsewhere → Pose::offer → begin_epoch … nodes prepare; the show's cull follows along … → Pose::grows → enter_epoch
+//! Offer::new, elsewhere → the camera's pose → propose_epoch … the standby prepares …
+//!   → begin_epoch, the cull's pose … nodes prepare; the cull follows along … → Pose::grows, enter_epoch
 //! ```
 //! What is dear is done before, on another thread: the joined package, its tree, the bytes that nodes fetch.
 
@@ -12,30 +13,15 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DAffine3;
-use mullion_common::scene::{ChunkHash, ObjectId, Package, PackageError};
-use mullion_common::wire::{SectionRef, codec};
-use serde::{Deserialize, Serialize};
+use mullion_common::scene::{ObjectId, Package, PackageError};
+use mullion_common::wire::Insertion;
 use thiserror::Error;
 
-use super::blobs::Part;
+use super::grown::Joined;
 use super::{Pose, Service, ServiceError};
 use crate::library::content_hash;
-use crate::prepare::{GraftError, Placement, graft};
+use crate::prepare::GraftError;
 use crate::tree::{Bounds, DynamicScene};
-
-/// What is inserted into a scene, and where.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Insertion {
-    /// The package's name in the library.
-    #[serde(deserialize_with = "codec::text")]
-    pub package: String,
-    /// What it holds: [`content_hash`].
-    pub hash: ChunkHash,
-    /// The object that it becomes part of.
-    pub under: Option<ObjectId>,
-    /// Where the package's world is in the scene's: three columns, then the translation.
-    pub world_from_root: [f64; 12],
-}
 
 /// What became of an offer.
 #[derive(Debug)]
@@ -62,11 +48,9 @@ pub enum OfferError {
 
 /// A scene that has grown, ready to be shown in the place of the one that it grew from.
 pub struct Offer {
-    insertion: Insertion,
-    package: Arc<Package>,
-    objects: Range<u32>,
-    part: Arc<Part>,
-    sections: Vec<SectionRef>,
+    /// What it grew from.
+    base: Arc<Package>,
+    joined: Joined,
     scene: Mutex<Option<DynamicScene>>,
     is_followed: AtomicBool,
     outcomes: Sender<Outcome>,
@@ -78,15 +62,12 @@ impl Offer {
     /// # Errors
     /// When the two cannot be joined, or what is new is larger than nodes take.
     pub fn new(
-        base: &Package,
+        base: &Arc<Package>,
         added: &Package,
         name: &str,
         under: Option<ObjectId>,
         world_from_root: DAffine3,
     ) -> Result<(Self, Receiver<Outcome>), OfferError> {
-        let before = base.scene.manifest.size();
-        let package = Arc::new(graft(base, added, &Placement { name: name.to_owned(), under, world_from_root })?);
-        let (part, sections) = Part::since(before, &package)?;
         let (outcomes, receiver) = channel();
         let insertion = Insertion {
             package: name.to_owned(),
@@ -94,32 +75,26 @@ impl Offer {
             under,
             world_from_root: world_from_root.to_cols_array(),
         };
-        let offer = Self {
-            insertion,
-            objects: before.new_objects(&package.scene.manifest.size()),
-            part: Arc::new(part),
-            sections,
-            scene: Mutex::new(Some(DynamicScene::new(Arc::clone(&package), Bounds::default()))),
-            is_followed: AtomicBool::new(false),
-            outcomes,
-            package,
-        };
+        let joined = Joined::new(base, added, insertion)?;
+        let scene = DynamicScene::new(Arc::clone(&joined.package), Bounds::default());
+        let is_followed = AtomicBool::new(false);
+        let offer = Self { base: Arc::clone(base), joined, scene: Mutex::new(Some(scene)), is_followed, outcomes };
         Ok((offer, receiver))
     }
 
     /// What is inserted.
     pub fn insertion(&self) -> &Insertion {
-        &self.insertion
+        &self.joined.insertion
     }
 
     /// The whole scene, with what is inserted.
     pub fn package(&self) -> &Arc<Package> {
-        &self.package
+        &self.joined.package
     }
 
     /// The numbers of the objects that are new; the first stands above the others.
     pub fn objects(&self) -> Range<u32> {
-        self.objects.clone()
+        self.joined.objects.clone()
     }
 
     /// The scene as it was prepared; once.
@@ -146,33 +121,43 @@ impl Offer {
 
 impl PartialEq for Offer {
     fn eq(&self, other: &Self) -> bool {
-        self.insertion == other.insertion
+        self.joined.insertion == other.joined.insertion
     }
 }
 
 impl fmt::Debug for Offer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Offer").field("insertion", &self.insertion).field("objects", &self.objects).finish_non_exhaustive()
+        f.debug_struct("Offer").field("insertion", self.insertion()).field("objects", &self.objects()).finish_non_exhaustive()
     }
 }
 
 impl Service {
-    /// Whether another master may show the same: not what shows more than it began with, or is about to.
-    pub(super) fn may_step_back(&self) -> bool {
-        self.stands_by_for.is_none() && self.offered.is_none() && self.object_count == self.show.package.scene.objects.len()
-    }
-
-    /// Tells nodes of what a frame's pose offers, and lets the scene that was offered begin with this frame, if all are prepared for it.
+    /// Tells standbys of what a frame's pose offers, then nodes and the cull, and lets that scene begin with this frame, if all are
+    /// prepared for it.
     pub(super) fn grow(&mut self, number: u64, pose: &mut Pose) {
         let now = self.now();
         if let Some(offer) = pose.offer.take() {
-            match self.master.begin_epoch(&offer.sections, now) {
+            if Arc::ptr_eq(&offer.base, self.grown.package()) {
+                match self.master.propose_epoch(offer.insertion().clone(), &offer.joined.sections, now) {
+                    Ok(()) => self.proposed = Some(offer),
+                    Err(error) => offer.refuse(error.to_string()),
+                }
+            } else {
+                offer.refuse("another master drove the show meanwhile, and its scene is another one".to_owned());
+            }
+        }
+        if self.proposed.is_some()
+            && let Some(answer) = self.master.standbys_follow(now)
+            && let Some(offer) = self.proposed.take()
+        {
+            match answer {
                 Ok(()) => {
-                    self.blobs.grow(Arc::clone(&offer.package), Arc::clone(&offer.part));
+                    self.master.begin_epoch(now);
+                    self.blobs.grow(Arc::clone(offer.package()), Arc::clone(&offer.joined.part));
                     self.offered = Some(Arc::clone(&offer));
                     pose.offer = Some(offer);
                 }
-                Err(error) => offer.refuse(error.to_string()),
+                Err(reason) => offer.refuse(reason),
             }
         }
         let is_due = |offer: &mut Arc<Offer>| offer.is_followed.load(Ordering::Relaxed) && self.master.is_epoch_due(now);
@@ -180,7 +165,7 @@ impl Service {
         pose.grows = begins.is_some();
         if let Some(offer) = begins {
             self.master.enter_epoch();
-            self.object_count = offer.package.scene.objects.len();
+            self.grown.grow(&offer.joined);
             offer.tell(Outcome::Begun(number));
         }
     }

@@ -6,12 +6,14 @@
 mod blobs;
 mod complaints;
 mod connection;
+mod grown;
 mod growth;
 mod mailbox;
 mod network;
 mod pose;
 mod report;
 mod rival;
+mod scenes;
 mod standby;
 mod succession;
 mod transport;
@@ -28,24 +30,28 @@ use std::time::Duration;
 use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, Course, MAX_TILE_SECTION_BYTES, SectionRef, Shown, StandbyHello};
+use mullion_common::wire::{Bye, ByeCode, Course, MAX_TILE_SECTION_BYTES, Shown, StandbyHello};
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
+use crate::library::Library;
 use crate::master::{Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage};
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
 use blobs::Blobs;
 use complaints::Complaints;
 use connection::{Connection, Event, Role};
-pub use growth::{Insertion, Offer, OfferError, Outcome};
+pub use grown::FreshScene;
+use grown::Grown;
+pub use growth::{Offer, OfferError, Outcome};
 use mailbox::{Mailbox, Queued};
 pub use network::{Connecting, Connector, Listener, Reader, Socket, Writer};
 pub use pose::Pose;
 pub use report::{FrameReport, NodeEvent, ShowReport};
-pub use succession::Succession;
+use scenes::Scenes;
+pub use succession::{Heritage, Succession};
 pub use transport::{MasterTls, Security, SecurityError};
 
 /// Events that may wait for the master's loop; beyond, connections are not read.
@@ -83,6 +89,8 @@ pub struct ShowOptions {
     pub standby_of: Option<String>,
     /// How that one is reached.
     pub connector: Connector,
+    /// Packages that other masters may insert: a standby must have what its master's scene grows by.
+    pub library: Option<Library>,
     /// Makes session numbers unguessable; `None`: random bytes, fresh for each run. Fixed ones let a simulation be run again.
     pub session_seed: Option<[u8; 32]>,
     /// Tells whoever steers the show when this master stands by, and what it goes on from.
@@ -101,6 +109,7 @@ impl ShowOptions {
             rate: Rate::Hz(wall.rate_hz()),
             standby_of: None,
             connector: Connector::default(),
+            library: None,
             session_seed: None,
             succession: Succession::default(),
         }
@@ -201,24 +210,27 @@ pub async fn serve_over(mut listener: impl Listener, mut show: Show) -> Result<S
         Rate::Hz(hz) if hz.is_finite() && hz > 0.0 => Pace::Every(Duration::from_secs_f64(1.0 / hz)),
         Rate::Hz(hz) => return Err(ServiceError::Rate(hz)),
     };
-    let (blobs, sections) = Blobs::new(Arc::clone(&show.package))?;
-    let (blobs, identity) = (Arc::new(blobs), StandbyHello::of(&show.wall, &sections).map_err(io::Error::other)?);
+    let first = Grown::new(Arc::clone(&show.package))?;
+    let identity = StandbyHello::of(&show.wall, first.sections()).map_err(io::Error::other)?;
     let mut other = show.options.standby_of.clone();
-    let (mut report, mut own) = (ShowReport::default(), None);
+    let (mut report, mut own, mut grown) = (ShowReport::default(), None, first.clone());
     loop {
         let inherited = match &other {
             None => None,
-            Some(master) => match standby::stand_by(&listener, master, &mut show, &identity, own.clone()).await? {
-                Some(course) => Some(standby::handed_on(own.take(), course, &show.package)),
-                None => return Ok(report), // the show ended before it was this master's turn
-            },
+            Some(master) => {
+                let scenes = Scenes::new(&first, &grown, show.options.library.clone());
+                match standby::stand_by(&listener, master, &mut show, &identity, (scenes, own.clone())).await? {
+                    Some(heard) => Some(standby::handed_on(own.take(), heard, &mut grown)),
+                    None => return Ok(report), // the show ended before it was this master's turn
+                }
+            }
         };
         let heir_of = inherited.is_some().then(|| other.take()).flatten();
-        let service = Service::new(show, pace, &sections, (identity, heir_of), Arc::clone(&blobs), inherited);
+        let service = Service::new(show, pace, grown, (identity, heir_of), inherited);
         let reign = service.run(listener).await?;
         report.add(&reign.report);
         let Some(next) = reign.stepped_back else { return Ok(report) };
-        (other, own, listener, show) = (Some(next.master), next.course, next.listener, next.show);
+        (other, own, grown, listener, show) = (Some(next.master), next.course, next.grown, next.listener, next.show);
     }
 }
 
@@ -274,12 +286,21 @@ struct Service {
     wanted: Option<u64>,
     complaints: Complaints,
     /// Where the show stood under the master before.
-    inherited: Option<Course>,
-    /// Of the scene that is shown.
-    object_count: usize,
+    inherited: Option<Inherited>,
+    /// The scene that is shown.
+    grown: Grown,
+    /// The scene that standbys are preparing for.
+    proposed: Option<Arc<Offer>>,
     /// The scene that nodes are preparing for.
     offered: Option<Arc<Offer>>,
     show: Show,
+}
+
+/// What the first frame of a master that took another's place begins with.
+struct Inherited {
+    course: Course,
+    /// Where it is another scene than the show's cull holds.
+    fresh: Option<Arc<FreshScene>>,
 }
 
 /// How a master's turn ended.
@@ -294,6 +315,7 @@ struct SteppedBack<L> {
     master: String,
     /// Where its own show stood.
     course: Option<Course>,
+    grown: Grown,
     listener: L,
     show: Show,
 }
@@ -303,10 +325,9 @@ impl Service {
     fn new(
         show: Show,
         pace: Pace,
-        sections: &[SectionRef],
+        grown: Grown,
         (identity, heir_of): (StandbyHello, Option<String>),
-        blobs: Arc<Blobs>,
-        inherited: Option<Course>,
+        inherited: Option<Inherited>,
     ) -> Self {
         let (wait, mut start_wait) = (show.options.barrier_wait, show.options.start_wait);
         let mut start_nodes = show.options.start_nodes.clone();
@@ -318,9 +339,10 @@ impl Service {
         let options = MasterOptions {
             barrier,
             pace,
-            first_frame: inherited.as_ref().map_or(0, |course| course.number + 1),
+            first_frame: inherited.as_ref().map_or(0, |inherited| inherited.course.number + 1),
             frames: show.options.frames,
-            sections: sections.to_vec(),
+            sections: grown.sections().to_vec(),
+            insertions: grown.insertions().to_vec(),
             session_seed,
         };
         let admission = match show.options.security {
@@ -344,7 +366,7 @@ impl Service {
             next_peer: 0,
             events,
             inbox: Some(inbox),
-            blobs,
+            blobs: Arc::new(grown.blobs()),
             chunk_bytes: Arc::default(),
             write_ns: Arc::default(),
             frame: FrameReport::default(),
@@ -354,7 +376,8 @@ impl Service {
             wanted: None,
             complaints: Complaints::default(),
             inherited,
-            object_count: show.package.scene.objects.len(),
+            grown,
+            proposed: None,
             offered: None,
             show,
         }
@@ -409,8 +432,8 @@ impl Service {
             self.master.handle_timeout(self.now());
             self.act();
         }
-        if let Some(offer) = self.offered.take() {
-            offer.refuse("the show ended before all nodes were prepared".to_owned());
+        for offer in [self.proposed.take(), self.offered.take()].into_iter().flatten() {
+            offer.refuse("the show ended before all were prepared".to_owned());
         }
         // Who is told that the show is over must find nobody here.
         let listener = self.stands_by_for.is_some().then_some(listener);
@@ -425,32 +448,10 @@ impl Service {
         if let Some(fault) = self.fault {
             return Err(fault);
         }
-        let (course, show) = (self.master.course(), self.show);
+        let (course, grown, show) = (self.master.course(), self.grown, self.show);
         let next = self.stands_by_for.zip(listener);
-        let stepped_back = next.map(|(master, listener)| SteppedBack { master, course, listener, show });
+        let stepped_back = next.map(|(master, listener)| SteppedBack { master, course, grown, listener, show });
         Ok(Reign { report: self.report, stepped_back })
-    }
-
-    /// Sends all to another master, and is to stand by for it.
-    fn step_back(&mut self, master: String, reason: String) {
-        if !self.is_finished {
-            (self.show.node_observer)(&NodeEvent::SteppedBack { master: master.clone(), reason });
-            self.stands_by_for = Some(master);
-            self.master.handle_shutdown(&Bye::new(ByeCode::OtherMaster, "another master drives the wall"));
-        }
-    }
-
-    /// Asks a master that says that it has more live nodes whether it drives the show: what it says alone ends no show.
-    fn ask_rival(&mut self, peer: PeerId, port: u16) {
-        let Some(link) = self.links.get(&peer).filter(|_| !self.is_asking) else { return };
-        self.is_asking = true;
-        let master = SocketAddr::new(link.address.ip(), port).to_string();
-        let (connector, security) = (self.show.options.connector.clone(), self.show.options.security.clone());
-        let (events, identity) = (self.events.clone(), self.identity);
-        self.tasks.spawn(async move {
-            let drives = standby::drives(&master, (&connector, &security), &identity).await;
-            let _ = events.send(Event::Rival { drives: drives.then_some(master) }).await; // the loop is gone: nobody to tell
-        });
     }
 
     fn now(&self) -> Duration {
@@ -596,12 +597,13 @@ impl Service {
         let _frame = tracing::debug_span!("frame", number).entered();
         let mut pose = (self.show.camera)(number);
         pose.number = number;
-        if let Some(before) = self.inherited.take() {
-            pose.moved.splice(..0, before.moved);
-            pose.presence.splice(..0, before.presence);
+        if let Some(Inherited { course, fresh }) = self.inherited.take() {
+            pose.moved.splice(..0, course.moved);
+            pose.presence.splice(..0, course.presence);
+            pose.begins_with = fresh;
         }
         self.grow(number, &mut pose);
-        if let Err(problem) = pose.check(self.show.wall.views().len(), self.object_count) {
+        if let Err(problem) = pose.check(self.show.wall.views().len(), self.grown.objects()) {
             let fault = ServiceError::Pose { frame: number, problem };
             self.master.handle_shutdown(&Bye::new(ByeCode::Failed, fault.to_string()));
             self.fault = Some(fault);

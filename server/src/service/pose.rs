@@ -6,7 +6,7 @@ use glam::{DAffine3, DVec3};
 use mullion_common::scene::ObjectId;
 use mullion_common::wire::{Budget, Moved, Steering};
 
-use super::Offer;
+use super::{FreshScene, Offer};
 use crate::tree::Presence;
 
 /// Where everything is in one frame.
@@ -36,6 +36,9 @@ pub struct Pose {
     pub offer: Option<Arc<Offer>>,
     /// Whether the scene offered last is seen from this frame on. The service's word, not the camera's.
     pub grows: bool,
+    /// What the cull is to show from this frame on in the place of all before: the scene of a master whose place this one took. The
+    /// service's word, too.
+    pub begins_with: Option<Arc<FreshScene>>,
 }
 
 impl Pose {

@@ -1,5 +1,6 @@
 //! A master that took another's place asks whether that one drives the wall after all: one of the two is to stand by.
 
+use std::net::SocketAddr;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
@@ -7,10 +8,12 @@ use futures_util::StreamExt;
 use mullion_common::wire::{Bye, ByeCode, MAX_TO_TILE_BYTES, Opening, RivalHello, StandbyHello, ToStandby};
 use tokio::time::{sleep, timeout};
 
-use super::connection::framed;
+use super::connection::{Event, framed};
 use super::network::{Connector, Socket};
-use super::standby::write;
+use super::standby::{drives, write};
 use super::transport::{Security, connect};
+use super::{NodeEvent, Service};
+use crate::master::PeerId;
 
 /// How often the other master is asked.
 const ASK_EVERY: Duration = Duration::from_millis(750);
@@ -47,6 +50,35 @@ async fn ask(other: &str, network: (&Connector, &Security), hello: RivalHello) -
     write(&mut writer, &mut Vec::new(), |out| hello.encode(out)).await.ok()?;
     match ToStandby::decode(&framed(reader, MAX_TO_TILE_BYTES).next().await?.ok()?).ok()? {
         ToStandby::Bye(bye) => Some(bye),
-        ToStandby::Course(_) | ToStandby::Alive => None,
+        ToStandby::Insertions(_) | ToStandby::Course(_) | ToStandby::Alive => None,
+    }
+}
+
+impl Service {
+    /// Whether this master may stand by for another one: not while nodes prepare for what they are to see next.
+    pub(super) fn may_step_back(&self) -> bool {
+        self.stands_by_for.is_none() && self.offered.is_none()
+    }
+
+    /// Sends all to another master, and is to stand by for it.
+    pub(super) fn step_back(&mut self, master: String, reason: String) {
+        if !self.is_finished {
+            (self.show.node_observer)(&NodeEvent::SteppedBack { master: master.clone(), reason });
+            self.stands_by_for = Some(master);
+            self.master.handle_shutdown(&Bye::new(ByeCode::OtherMaster, "another master drives the wall"));
+        }
+    }
+
+    /// Asks a master that says that it has more live nodes whether it drives the show: what it says alone ends no show.
+    pub(super) fn ask_rival(&mut self, peer: PeerId, port: u16) {
+        let Some(link) = self.links.get(&peer).filter(|_| !self.is_asking) else { return };
+        self.is_asking = true;
+        let master = SocketAddr::new(link.address.ip(), port).to_string();
+        let (connector, security) = (self.show.options.connector.clone(), self.show.options.security.clone());
+        let (events, identity) = (self.events.clone(), self.identity);
+        self.tasks.spawn(async move {
+            let drives = drives(&master, (&connector, &security), &identity).await;
+            let _ = events.send(Event::Rival { drives: drives.then_some(master) }).await; // the loop is gone: nobody to tell
+        });
     }
 }

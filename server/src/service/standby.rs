@@ -1,10 +1,11 @@
 //! Standing by: following another master's show until that master is gone.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::StreamExt;
-use mullion_common::scene::{ObjectId, Package, Presence};
+use mullion_common::scene::{ObjectId, Presence};
 use mullion_common::tls::describe;
 use mullion_common::wall::Wall;
 use mullion_common::wire::{
@@ -14,9 +15,11 @@ use mullion_common::wire::{
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 
 use super::connection::{framed, write_all};
+use super::grown::Grown;
 use super::network::{Connector, Listener, Socket, Writer};
+use super::scenes::{Scene, Scenes};
 use super::transport::{Security, connect};
-use super::{NodeEvent, Rate, ServiceError, Show, stopped};
+use super::{Heritage, Inherited, NodeEvent, Rate, ServiceError, Show, stopped};
 use crate::master::{LastWords, TELL_STANDBYS_EVERY};
 
 /// How long a master may say nothing before it counts as gone.
@@ -38,8 +41,15 @@ enum Parting {
     Bye(Bye),
 }
 
-/// Stands by until it is this master's turn, and gives the last course that was heard of, with all that moved, came or went. `None`: the
-/// show ended, or was stopped, before that. A master that stepped back knows a course already.
+/// What a standby goes on from.
+pub(super) struct Inheritance {
+    /// The last that was heard of, with all that moved, came or went.
+    pub course: Course,
+    pub scene: Scene,
+}
+
+/// Stands by until it is this master's turn. `None`: the show ended, or was stopped, before that. A master that stepped back knows a
+/// course already, of the scene that it showed.
 ///
 /// Nodes that come meanwhile are turned away by closing their connections: they try their other masters.
 pub(super) async fn stand_by(
@@ -47,10 +57,10 @@ pub(super) async fn stand_by(
     master: &str,
     show: &mut Show,
     hello: &StandbyHello,
-    course: Option<Course>,
-) -> Result<Option<Course>, ServiceError> {
-    let mut known = Known::of(&show.wall, &show.package);
-    course.map_or(Ok(()), |course| known.take(course, Instant::now())).map_err(std::io::Error::other)?;
+    (scenes, course): (Scenes, Option<Course>),
+) -> Result<Option<Inheritance>, ServiceError> {
+    let mut known = Known::new(&show.wall, scenes);
+    course.map_or(Ok(()), |course| known.note(course, Instant::now())).map_err(std::io::Error::other)?;
     let mut stop = show.stop.clone();
     let (connector, security) = (show.options.connector.clone(), show.options.security.clone());
     show.options.succession.stand_by();
@@ -65,21 +75,24 @@ pub(super) async fn stand_by(
         () = turn_away(listener) => unreachable!("it has no end"),
         () = stopped(&mut stop) => return Ok(None),
     };
-    let Some(course) = known.course(show.options.rate) else { return Ok(None) };
+    let Some(inheritance) = known.inheritance(show.options.rate) else { return Ok(None) };
+    let Inheritance { course, scene } = &inheritance;
     (show.node_observer)(&NodeEvent::TookOver { master: master.to_owned(), frame: course.number + 1, reason });
-    show.options.succession.take_over(course.clone());
-    Ok(Some(course))
+    show.options.succession.take_over(Heritage { course: course.clone(), package: Arc::clone(scene.grown.package()) });
+    Ok(Some(inheritance))
 }
 
-/// The course that a master goes on from which drove the show before: what it moved, took or brought back itself is undone first, so that
-/// its cull and its nodes agree.
-pub(super) fn handed_on(own: Option<Course>, mut course: Course, package: &Package) -> Course {
-    if let Some(own) = own {
-        let rest = |object: ObjectId| Moved { object, transform: package.scene.manifest.transforms[object.0 as usize] };
+/// What the first frame begins with of a master that may have driven the show before; `own` is the course of that. Where the scene is still
+/// the same, what it moved, took or brought back itself is undone first, so that its cull and its nodes agree.
+pub(super) fn handed_on(own: Option<Course>, Inheritance { mut course, scene }: Inheritance, grown: &mut Grown) -> Inherited {
+    *grown = scene.grown;
+    if let Some(own) = own.filter(|_| scene.fresh.is_none()) {
+        let manifest = &grown.package().scene.manifest;
+        let rest = |object: ObjectId| Moved { object, transform: manifest.transforms[object.0 as usize] };
         course.moved.splice(..0, own.moved.iter().map(|moved| rest(moved.object)));
         course.presence.splice(..0, own.presence.iter().map(|(object, _)| (*object, Presence::There)));
     }
-    course
+    Inherited { course, fresh: scene.fresh }
 }
 
 async fn turn_away(listener: &impl Listener) {
@@ -91,10 +104,9 @@ async fn turn_away(listener: &impl Listener) {
 }
 
 /// Where the show stands, as far as it was heard.
-#[derive(Default)]
 struct Known {
     views: usize,
-    objects: usize,
+    scenes: Scenes,
     /// Whether the master that is followed has told of its show.
     is_followed: bool,
     /// But for what it says of objects, which is below; and when it was heard of.
@@ -104,14 +116,22 @@ struct Known {
 }
 
 impl Known {
-    fn of(wall: &Wall, package: &Package) -> Self {
-        let (views, objects) = (wall.views().len(), package.scene.manifest.transforms.len());
-        Self { views, objects, is_followed: false, newest: None, moved: BTreeMap::new(), presence: LastWords::default() }
+    fn new(wall: &Wall, scenes: Scenes) -> Self {
+        let views = wall.views().len();
+        Self { views, scenes, is_followed: false, newest: None, moved: BTreeMap::new(), presence: LastWords::default() }
     }
 
-    /// Takes a course, unless it is not one of this wall and scene.
-    fn take(&mut self, mut course: Course, heard: Instant) -> Result<(), &'static str> {
-        let is_known = |object: ObjectId| (object.0 as usize) < self.objects;
+    /// Takes a course that the master sent, unless it is not one of this wall and scene.
+    fn take(&mut self, course: Course, heard: Instant) -> Result<(), &'static str> {
+        if !self.scenes.enter(course.epoch) {
+            return Err("a course of a scene that it was not told of");
+        }
+        self.note(course, heard)
+    }
+
+    fn note(&mut self, mut course: Course, heard: Instant) -> Result<(), &'static str> {
+        let objects = self.scenes.shown().objects();
+        let is_known = |object: ObjectId| (object.0 as usize) < objects;
         if course.eyes.len() != self.views || ![0, self.views].contains(&course.budgets.len()) {
             return Err("a course of another wall");
         }
@@ -131,12 +151,14 @@ impl Known {
     }
 
     fn forget(&mut self) {
-        *self = Self { views: self.views, objects: self.objects, ..Self::default() };
+        (self.is_followed, self.newest) = (false, None);
+        self.moved.clear();
+        self.presence.clear();
     }
 
-    /// The newest course, as one that stands on nothing. Frames are counted on for the time since it was heard of: the master may have
-    /// shown more, unheard, before it was gone.
-    fn course(self, rate: Rate) -> Option<Course> {
+    /// The newest course, as one that stands on nothing, and its scene. Frames are counted on for the time since it was heard of: the
+    /// master may have shown more, unheard, before it was gone.
+    fn inheritance(self, rate: Rate) -> Option<Inheritance> {
         let (mut course, heard) = self.newest?;
         if let Rate::Hz(hz) = rate {
             count_on(&mut course, (heard.elapsed().as_secs_f64() * hz).ceil() as u64);
@@ -144,7 +166,7 @@ impl Known {
         course.base = None;
         course.moved = self.moved.into_values().collect();
         self.presence.since(None, &mut course.presence);
-        Some(course)
+        Some(Inheritance { course, scene: self.scenes.into_shown() })
     }
 }
 
@@ -220,10 +242,12 @@ async fn converse(
     }
     let mut beat = tokio::time::interval(ALIVE_EVERY);
     let mut silent_at = Instant::now() + first_word_limit;
+    known.scenes.greet();
     loop {
         let answer = tokio::select! {
             biased;
             _ = beat.tick() => ToMaster::Stats(Stats::default()),
+            answer = known.scenes.answer() => answer,
             body = timeout_at(silent_at, bodies.next()) => {
                 let body = match body {
                     Ok(Some(Ok(body))) => body,
@@ -242,6 +266,10 @@ async fn converse(
                         known.is_followed = true;
                         ToMaster::Ready { frame, shown: None }
                     }
+                    Ok(ToStandby::Insertions(insertions)) => {
+                        known.scenes.want(insertions);
+                        continue;
+                    }
                     Ok(ToStandby::Alive) => continue,
                     Ok(ToStandby::Bye(bye)) => return Parting::Bye(bye),
                     Err(error) => return Parting::Lost(format!("the master sent what is no message: {error}")),
@@ -254,7 +282,7 @@ async fn converse(
     }
 }
 
-/// Whether a master drives the show: it tells of it, or another one stands by for it.
+/// Whether a master drives the show: it tells of its scene, or another one stands by for it.
 pub(super) async fn drives(master: &str, network: (&Connector, &Security), hello: &StandbyHello) -> bool {
     let ask = async {
         let Socket { reader, mut writer } = connect(master, network).await.ok()?;
@@ -263,7 +291,7 @@ pub(super) async fn drives(master: &str, network: (&Connector, &Security), hello
         let mut bodies = framed(reader, MAX_TO_TILE_BYTES);
         loop {
             match ToStandby::decode(&bodies.next().await?.ok()?).ok()? {
-                ToStandby::Course(_) => return Some(true),
+                ToStandby::Insertions(_) | ToStandby::Course(_) => return Some(true),
                 ToStandby::Alive => {}
                 ToStandby::Bye(bye) => return Some(bye.code == ByeCode::TooMany),
             }

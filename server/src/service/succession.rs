@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use mullion_common::scene::Package;
 use mullion_common::wire::Course;
 
 /// Shared by a show's service, its camera, and who takes commands for it.
@@ -15,7 +16,16 @@ struct State {
     reign: AtomicU64,
     /// Whether there is a heritage: a frame that has none takes no lock.
     is_heir: AtomicBool,
-    heritage: Mutex<Option<Course>>,
+    heritage: Mutex<Option<Heritage>>,
+}
+
+/// What a master goes on from.
+#[derive(Clone, Debug)]
+pub struct Heritage {
+    /// With all that moved, came or went.
+    pub course: Course,
+    /// The scene as it has grown.
+    pub package: Arc<Package>,
 }
 
 impl Succession {
@@ -36,15 +46,19 @@ impl Succession {
         self.0.reign.fetch_add(1, Ordering::AcqRel);
     }
 
-    /// This master drives the show from now on, and goes on from there: a course with all that moved, came or went.
-    pub fn take_over(&self, course: Course) {
-        *self.0.heritage.lock().unwrap_or_else(PoisonError::into_inner) = Some(course);
+    /// This master drives the show from its next frame on, and goes on from there.
+    pub fn take_over(&self, heritage: Heritage) {
+        *self.0.heritage.lock().unwrap_or_else(PoisonError::into_inner) = Some(heritage);
         self.0.is_heir.store(true, Ordering::Release);
+    }
+
+    /// The camera goes on from what it inherited, and commands are checked by that: they may come.
+    pub(crate) fn drive(&self) {
         self.0.is_standing_by.store(false, Ordering::Release);
     }
 
     /// What the camera goes on from; once.
-    pub(crate) fn heritage(&self) -> Option<Course> {
+    pub(crate) fn heritage(&self) -> Option<Heritage> {
         if !self.0.is_heir.swap(false, Ordering::AcqRel) {
             return None;
         }

@@ -1,0 +1,139 @@
+//! What a show's scene has grown to.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use mullion_common::scene::{Package, SceneSize};
+use mullion_common::wire::{Insertion, SectionRef};
+
+use super::blobs::{Blobs, Part};
+use super::{OfferError, ServiceError};
+use crate::library::Library;
+use crate::prepare::{Placement, graft};
+use crate::tree::{Bounds, DynamicScene};
+
+/// A scene with what was inserted into it, in order. A clone shares all that is large.
+#[derive(Clone, Debug)]
+pub(super) struct Grown {
+    package: Arc<Package>,
+    parts: Vec<Arc<Part>>,
+    sections: Vec<SectionRef>,
+    insertions: Vec<Insertion>,
+}
+
+/// A scene that has grown by one insertion.
+#[derive(Debug)]
+pub(super) struct Joined {
+    pub insertion: Insertion,
+    /// The whole scene.
+    pub package: Arc<Package>,
+    /// The numbers of the objects that are new.
+    pub objects: Range<u32>,
+    pub part: Arc<Part>,
+    /// What nodes fetch of the part.
+    pub sections: Vec<SectionRef>,
+}
+
+impl Joined {
+    /// Takes long.
+    pub fn new(base: &Package, added: &Package, insertion: Insertion) -> Result<Self, OfferError> {
+        let before = base.scene.manifest.size();
+        let package = Arc::new(graft(base, added, &Placement::of(&insertion))?);
+        let (part, sections) = Part::since(before, &package)?;
+        let objects = before.new_objects(&package.scene.manifest.size());
+        Ok(Self { insertion, package, objects, part: Arc::new(part), sections })
+    }
+}
+
+impl Grown {
+    /// What a show begins with.
+    ///
+    /// # Errors
+    /// When a section is larger than nodes take.
+    pub fn new(package: Arc<Package>) -> Result<Self, ServiceError> {
+        let (part, sections) = Part::since(SceneSize::default(), &package)?;
+        Ok(Self { package, parts: vec![Arc::new(part)], sections, insertions: Vec::new() })
+    }
+
+    pub fn grow(&mut self, joined: &Joined) {
+        self.package = Arc::clone(&joined.package);
+        self.parts.push(Arc::clone(&joined.part));
+        self.sections.extend_from_slice(&joined.sections);
+        self.insertions.push(joined.insertion.clone());
+    }
+
+    /// The same with one insertion more, from a library. Takes long.
+    pub fn with(mut self, insertion: &Insertion, library: Option<&Library>) -> Result<Self, String> {
+        let name = &insertion.package;
+        let library = library.ok_or_else(|| format!("package {name:?}: the standby has no library; start it with --library"))?;
+        let added = library.inserted(insertion).map_err(|error| error.to_string())?;
+        let joined =
+            Joined::new(&self.package, &added, insertion.clone()).map_err(|error| format!("package {name:?}: {error}"))?;
+        self.grow(&joined);
+        Ok(self)
+    }
+
+    /// The whole scene.
+    pub fn package(&self) -> &Arc<Package> {
+        &self.package
+    }
+
+    pub fn objects(&self) -> usize {
+        self.package.scene.objects.len()
+    }
+
+    pub fn sections(&self) -> &[SectionRef] {
+        &self.sections
+    }
+
+    pub fn insertions(&self) -> &[Insertion] {
+        &self.insertions
+    }
+
+    pub fn blobs(&self) -> Blobs {
+        Blobs::new(Arc::clone(&self.package), self.parts.clone())
+    }
+}
+
+/// A scene that a show grew to under another master, to be shown in the place of what there was. Nothing was done to it yet.
+pub struct FreshScene {
+    insertions: Vec<Insertion>,
+    package: Arc<Package>,
+    scene: Mutex<Option<DynamicScene>>,
+}
+
+impl FreshScene {
+    /// For a package that these insertions made. Takes long.
+    pub fn new(package: Arc<Package>, insertions: Vec<Insertion>) -> Self {
+        let scene = Mutex::new(Some(DynamicScene::new(Arc::clone(&package), Bounds::default())));
+        Self { insertions, package, scene }
+    }
+
+    /// What was inserted since the show began, in order.
+    pub fn insertions(&self) -> &[Insertion] {
+        &self.insertions
+    }
+
+    /// The whole scene.
+    pub fn package(&self) -> &Arc<Package> {
+        &self.package
+    }
+
+    /// The scene; once.
+    pub fn take(&self) -> Option<DynamicScene> {
+        self.scene.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+}
+
+impl PartialEq for FreshScene {
+    fn eq(&self, other: &Self) -> bool {
+        self.insertions == other.insertions
+    }
+}
+
+impl fmt::Debug for FreshScene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("FreshScene").field("insertions", &self.insertions).finish_non_exhaustive()
+    }
+}
