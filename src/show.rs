@@ -103,6 +103,9 @@ impl Record {
             let cull_us = start.elapsed().as_secs_f64() * 1e6;
             let mut data = record.0.lock().unwrap_or_else(PoisonError::into_inner);
             keep(&mut data.cull_us, cull_us);
+            if let Some(fresh) = &pose.begins_with {
+                (data.package, data.offered) = (Arc::clone(fresh.package()), None);
+            }
             if let Some(grown) = data.offered.take_if(|_| pose.grows) {
                 data.package = grown;
             }

@@ -10,6 +10,7 @@ use glam::{DAffine3, DVec3};
 use mullion_common::wire::Part;
 use mullion_control::{Command, Control, Insert, Inserted, MoveObject, ObjectNumber, Reason};
 use mullion_server::prepare::{PrepareOptions, write_package};
+use mullion_server::record::Reader;
 use support::masters::{LIMIT, NODES, Node, control_of, free_address, prepared, serve};
 use support::relay::Relay;
 use support::{Process, address_of, mullion};
@@ -42,7 +43,11 @@ fn start(folder: &Path, listen: &str, library: &str, more: &[&str]) -> (Process,
 }
 
 fn insert(control: &mut Control, package: &str) -> Result<Inserted, mullion_control::Error> {
-    control.insert(&Insert { package: package.to_owned(), under: None, transform: DAffine3::IDENTITY.to_cols_array() })
+    insert_under(control, package, None)
+}
+
+fn insert_under(control: &mut Control, package: &str, under: Option<u32>) -> Result<Inserted, mullion_control::Error> {
+    control.insert(&Insert { package: package.to_owned(), under, transform: DAffine3::IDENTITY.to_cols_array() })
 }
 
 fn is_seen(control: &mut Control, object: u32) -> bool {
@@ -59,6 +64,7 @@ fn far_off(object: u32) -> MoveObject {
     MoveObject { object, transform: DAffine3::from_translation(DVec3::new(0.0, 0.0, 1e6)).to_cols_array() }
 }
 
+#[cfg(unix)]
 #[test]
 fn a_standby_takes_over_a_scene_that_has_grown() {
     let folder = with_libraries();
@@ -92,31 +98,38 @@ fn a_standby_takes_over_a_scene_that_has_grown() {
     of_heir.send(&[Command::Add(ObjectNumber { object: gone })]).expect("taken");
     assert!(is_seen(&mut of_heir, gone) && !is_seen(&mut of_heir, moved));
     give(folder.path(), "tower.mullion");
-    let tower = insert(&mut of_heir, "tower.mullion").expect("inserted").objects;
-    assert_eq!(tower.first, wing.first + wing.count);
+    // What is inserted under something that was removed is seen.
+    of_heir.send(&[Command::Remove(ObjectNumber { object: gone })]).expect("taken");
+    let tower = insert_under(&mut of_heir, "tower.mullion", Some(gone)).expect("inserted").objects;
+    assert!(tower.first == wing.first + wing.count && is_seen(&mut of_heir, tower.first));
 
     // The first master is back, catches up with both insertions, and goes on where the second one dies.
-    let (mut master, _) = start(folder.path(), &address, "first", &["--standby-of", &heir]);
-    let (joined, _) = standby.error_line(&["standby joined"], 0, LIMIT);
+    let report = folder.path().join("report.json").display().to_string();
+    let (mut master, _) = start(folder.path(), &address, "first", &["--standby-of", &heir, "--report", &report]);
+    standby.error_line(&["standby joined"], 0, LIMIT);
     let Inserted { frame, objects: third } =
         insert(&mut of_heir, "wing.mullion").expect("inserted, once the standby has caught up");
     shows(&mut of_heir, frame + 5);
-    let replay = ["replay", &record, "--wall", "wall.toml", "--scene", "palace.glb", "--library", "second"];
-    let replay = replay.map(|word| {
-        if word.contains('.') || word == "second" { folder.path().join(word).display().to_string() } else { word.to_owned() }
-    });
-    let back = Instant::now();
-    nodes.iter().for_each(|node| drop(node.shows(10, back)));
     standby.kill();
     let killed = Instant::now();
     nodes.iter().for_each(|node| drop(node.shows(20, killed)));
-    assert!(joined > 0);
     let mut control = control_of(&mut master);
     assert!(is_seen(&mut control, third.first) && is_seen(&mut control, tower.first) && !is_seen(&mut control, moved));
     assert!(nodes.iter().all(|node| node.last().epoch == 4), "three insertions");
     nodes.into_iter().for_each(Node::end);
+    master.signal(rustix::process::Signal::INT);
+    assert_eq!(master.wait(LIMIT), Some(0), "{}", master.err.text());
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(report).expect("written")).expect("JSON");
+    assert_eq!(report["objects"], third.first + third.count, "{report}");
+
     // What the heir recorded begins with the scene that it inherited.
-    let done = mullion(&replay, LIMIT);
+    let recorded = std::fs::read(&record).expect("a record");
+    let first = Reader::open(&recorded[..]).expect("a record").next_frame().expect("whole").expect("a frame");
+    let inherited = first.begins_with.expect("another master's scene");
+    assert_eq!(inherited.iter().map(|insertion| insertion.package.as_str()).collect::<Vec<_>>(), ["wing.mullion"]);
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let of = ["--wall", &path("wall.toml"), "--scene", &path("palace.glb"), "--library", &path("second")];
+    let done = mullion(&[&["replay", &record][..], &of].concat(), LIMIT);
     assert!(done.code == Some(0) && done.out.contains("the same sets, bit for bit"), "{}{}", done.out, done.err);
 }
 

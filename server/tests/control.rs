@@ -13,7 +13,7 @@ use mullion_common::scene::{ObjectId, Package};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall, WallConfig};
 use mullion_common::wire::{Budget, Course, Moved, Steering};
-use mullion_server::control::{self, ControlError, Driver, LiveScene};
+use mullion_server::control::{self, ControlError, Driver, LiveScene, Subject};
 use mullion_server::cull::{Algorithm, oracle};
 use mullion_server::service::{Heritage, Pose};
 use mullion_server::tree::{Bounds, DynamicScene, Presence};
@@ -111,11 +111,15 @@ fn a_camera_goes_on_as_another_master_left_it() {
     let (wall, package) = (session_support::wall(2, 1), session_support::package(LEAVES));
     let stand = |x: f64| CameraPose { translation: DVec3::new(x, 1.0, 12.0), rotation: DQuat::IDENTITY, scale: 1.0 };
     let path = CameraPath::new((0..500).map(|frame| stand(f64::from(frame))).collect()).expect("a path");
-    let (inlet, batches, _questions) = control::channel(&wall, &package);
+    let (inlet, batches, questions) = control::channel(&wall, &package);
+    let mut scene = LiveScene::new(Algorithm::Sweep, &wall, &package).answering(questions);
     let mut driver = Driver::new(Arc::clone(&wall), path.clone(), batches);
     let succession = driver.succession();
     inlet.submit(&[Command::Step(Steps { frames: 9 })], Box::new(|_| panic!("of a reign that is over"))).expect("there is room");
+    let all = Subject::Wall(ObjectId(0));
+    inlet.ask(all, Box::new(|_| panic!("of a reign that is over"))).expect("there is room");
     succession.stand_by();
+    assert_eq!(inlet.ask(all, Box::new(|_| ())), Err(ControlError::StandingBy));
     assert_eq!(inlet.submit(&[Command::Pause], Box::new(|_| ())), Err(ControlError::StandingBy));
 
     let eyes = vec![DVec3::new(0.2, 0.1, 2.0); 2];
@@ -133,6 +137,7 @@ fn a_camera_goes_on_as_another_master_left_it() {
     );
     let pose = driver.pose(91);
     assert!(Arc::ptr_eq(&inlet.checker().package(), &grown));
+    scene.cull(&pose, &mut [VisibleSet::default(), VisibleSet::default()]);
     assert_eq!((pose.world_from_room, &pose.eyes, &pose.budgets), (room, &eyes, &budgets));
     assert_eq!(pose.scene_time_s, 21.0 / wall.rate_hz(), "the step that was left");
     assert_eq!(pose.steering, Steering { path_frame: 21, held_after: Some(0), is_off_path: true });

@@ -100,7 +100,7 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!((0.1..=60_000.0).contains(&barrier_ms), "--barrier: {barrier_ms} is outside 0.1 to 60000 ms");
     let security = options.security()?;
     options.report.as_deref().map_or(Ok(()), claim)?;
-    options.steering.check(options.standby_of.is_some())?;
+    options.steering.check(options.standby_of.as_deref())?;
     let package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
     let listener = TcpListener::bind(options.listen).with_context(|| format!("cannot listen on {}", options.listen))?;
     let address = listener.local_addr()?;

@@ -51,14 +51,14 @@ pub struct Steered {
 
 impl Steering {
     /// Whether the options fit together; before anything takes long.
-    pub fn check(&self, stands_by: bool) -> Result<()> {
+    pub fn check(&self, standby_of: Option<&str>) -> Result<()> {
         if let Some(address) = self.control {
             ensure!(
                 address.ip().is_loopback() || self.control_from_network,
                 "--control: other machines reach {address}, and whoever reaches it steers the wall; add --control-from-network to allow that"
             );
         }
-        let is_of_use = self.insert_from.is_none() || self.control.is_some() || stands_by;
+        let is_of_use = self.insert_from.is_none() || self.control.is_some() || standby_of.is_some();
         ensure!(is_of_use, "--library: nobody could insert anything; add --control, or --standby-of");
         self.library().map(|_| ())
     }

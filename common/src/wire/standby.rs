@@ -134,7 +134,7 @@ pub struct Course {
 pub enum ToStandby {
     /// What the scene grew by.
     Insertions(Insertions),
-    /// Where the show stands. Comes to a standby that is prepared for the course's epoch.
+    /// Where the show stands.
     Course(Box<Course>),
     /// The master is there and has nothing to say.
     Alive,

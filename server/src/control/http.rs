@@ -298,13 +298,13 @@ impl Api {
         let checker = self.inlet.checker();
         let subject = Subject::Tile(checker.object(object)?, checker.tile(tile)?);
         let snapshot = self.snapshot(subject).await?;
-        snapshot.why(checker).map(Answer::Why).ok_or(ControlError::Over)
+        snapshot.why(checker.wall()).map(Answer::Why).ok_or(ControlError::Over)
     }
 
     async fn tiles(&self, object: &ObjectKey) -> Result<Answer, ControlError> {
         let checker = self.inlet.checker();
         let snapshot = self.snapshot(Subject::Wall(checker.object(object)?)).await?;
-        Ok(Answer::Tiles(snapshot.seen_by(checker)))
+        snapshot.seen_by(checker.wall()).map(Answer::Tiles).ok_or(ControlError::Over)
     }
 
     async fn snapshot(&self, subject: Subject) -> Result<super::why::Snapshot, ControlError> {

@@ -12,7 +12,7 @@ use mullion_common::scene::{ObjectId, Package};
 use mullion_common::wall::{TileId, Wall};
 
 use super::check::{Change, Checker, ControlError};
-use super::grafter::{Grafter, OnInserted};
+use super::grafter::{Grafter, OTHER_REIGN, OnInserted};
 use super::why::Snapshot;
 use crate::library::Library;
 use crate::service::{Offer, Succession};
@@ -53,10 +53,10 @@ pub enum Subject {
 pub struct Inlet {
     checker: Checker,
     batches: SyncSender<Batch>,
-    questions: SyncSender<(Subject, OnSnapshot)>,
+    questions: SyncSender<Asked>,
     queued: Arc<AtomicUsize>,
     succession: Succession,
-    offers: SyncSender<Arc<Offer>>,
+    offers: SyncSender<(Arc<Offer>, u64)>,
     grafter: Option<Grafter>,
 }
 
@@ -66,12 +66,20 @@ pub struct Batches {
     receiver: Receiver<Batch>,
     queued: Arc<AtomicUsize>,
     succession: Succession,
-    offers: Receiver<Arc<Offer>>,
+    offers: Receiver<(Arc<Offer>, u64)>,
+}
+
+struct Asked {
+    subject: Subject,
+    /// In which reign of this master.
+    reign: u64,
+    on_snapshot: OnSnapshot,
 }
 
 /// Where frames take questions.
 pub struct Questions {
-    receiver: Receiver<(Subject, OnSnapshot)>,
+    receiver: Receiver<Asked>,
+    succession: Succession,
 }
 
 /// A queue for a wall that shows a package.
@@ -82,11 +90,11 @@ pub fn channel(wall: &Arc<Wall>, package: &Arc<Package>) -> (Inlet, Batches, Que
     let queued = Arc::new(AtomicUsize::new(0));
     let checker = Checker::new(Arc::clone(wall), Arc::clone(package));
     let succession = Succession::default();
-    let (queue, heirs) = (Arc::clone(&queued), succession.clone());
+    let (queue, heirs, of_questions) = (Arc::clone(&queued), succession.clone(), succession.clone());
     let checks = checker.clone();
     let inlet = Inlet { checker, batches, questions, queued: queue, succession: heirs, offers, grafter: None };
     let batches = Batches { checker: checks, receiver: batch_receiver, queued, succession, offers: offer_receiver };
-    (inlet, batches, Questions { receiver: question_receiver })
+    (inlet, batches, Questions { receiver: question_receiver, succession: of_questions })
 }
 
 impl Inlet {
@@ -100,7 +108,8 @@ impl Inlet {
     /// # Errors
     /// When the system gives no thread.
     pub fn inserting_from(mut self, library: Library) -> io::Result<Self> {
-        self.grafter = Some(Grafter::start(library, self.checker.clone(), self.offers.clone())?);
+        let checker = (self.checker.clone(), self.succession.clone());
+        self.grafter = Some(Grafter::start(library, checker, self.offers.clone())?);
         Ok(self)
     }
 
@@ -110,10 +119,11 @@ impl Inlet {
     /// When it cannot be done, too many wait, or another master drives the show.
     pub fn insert(&self, insert: &Insert, on_inserted: OnInserted) -> Result<(), ControlError> {
         let grafter = self.grafter.as_ref().ok_or(ControlError::NoLibrary)?;
+        let reign = self.succession.reign();
         if self.succession.is_standing_by() {
             return Err(ControlError::StandingBy);
         }
-        grafter.insert(self.checker.insertion(insert)?, on_inserted)
+        grafter.insert((self.checker.insertion(insert)?, reign), on_inserted)
     }
 
     /// Queues commands, all for one frame.
@@ -137,10 +147,11 @@ impl Inlet {
     /// # Errors
     /// When the queue is full, or another master drives the show.
     pub fn ask(&self, subject: Subject, on_snapshot: OnSnapshot) -> Result<(), ControlError> {
+        let reign = self.succession.reign();
         if self.succession.is_standing_by() {
             return Err(ControlError::StandingBy);
         }
-        self.questions.try_send((subject, on_snapshot)).map_err(|error| match error {
+        self.questions.try_send(Asked { subject, reign, on_snapshot }).map_err(|error| match error {
             TrySendError::Full(_) => ControlError::Full { queued: MAX_QUESTIONS, cap: MAX_QUESTIONS },
             TrySendError::Disconnected(_) => ControlError::Over,
         })
@@ -200,13 +211,20 @@ impl Batches {
 
     /// A scene that has grown, if one is there.
     pub(super) fn take_offer(&self) -> Option<Arc<Offer>> {
-        self.offers.try_recv().ok()
+        let (offer, reign) = self.offers.try_recv().ok()?;
+        if reign == self.succession.reign() {
+            return Some(offer);
+        }
+        offer.refuse(OTHER_REIGN.to_owned());
+        None
     }
 }
 
 impl Questions {
     /// The next question, if any waits.
     pub(super) fn next(&self) -> Option<(Subject, OnSnapshot)> {
-        self.receiver.try_recv().ok()
+        let reign = self.succession.reign();
+        let asked = self.receiver.try_iter().find(|asked| asked.reign == reign)?;
+        Some((asked.subject, asked.on_snapshot))
     }
 }

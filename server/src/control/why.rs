@@ -1,13 +1,14 @@
 //! Which views see an object, and why others do not.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DVec3};
 use mullion_common::control::{LeafWhy, Reason, SeenBy, Side, Why};
 use mullion_common::geometry::{FrustumSide, Obb};
-use mullion_common::scene::{ObjectId, Package};
+use mullion_common::scene::{Object, ObjectId, Package};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{TileId, ViewId, Wall};
 
-use super::check::Checker;
 use super::queue::Subject;
 use crate::cull::oracle;
 use crate::tree::DynamicScene;
@@ -20,6 +21,7 @@ pub const MAX_LEAVES_TOLD: usize = 256;
 pub struct Snapshot {
     frame: u64,
     subject: Subject,
+    package: Arc<Package>,
     world_from_room: DAffine3,
     eyes: Vec<DVec3>,
     /// What each view of interest sees.
@@ -59,15 +61,18 @@ impl Snapshot {
             }
             Subject::Wall(_) => (all_views.map(set).collect(), Vec::new()),
         };
-        Self { frame, subject, world_from_room: *world_from_room, eyes: eyes.to_vec(), sets, leaves }
+        let package = Arc::clone(scene.package());
+        Self { frame, subject, package, world_from_room: *world_from_room, eyes: eyes.to_vec(), sets, leaves }
     }
 
-    /// Which tiles see the object or anything below it.
-    pub fn seen_by(&self, checker: &Checker) -> SeenBy {
+    fn object(&self) -> Option<(ObjectId, &Object)> {
         let (Subject::Tile(object, _) | Subject::Wall(object)) = self.subject;
-        let package = checker.package();
-        let ranges = &package.scene.objects[object.0 as usize].leaves;
-        let wall = checker.wall();
+        Some((object, self.package.scene.objects.get(object.0 as usize)?))
+    }
+
+    /// Which tiles see the object or anything below it. None where the frame was of a scene without it.
+    pub fn seen_by(&self, wall: &Wall) -> Option<SeenBy> {
+        let (object, Object { leaves: ranges, .. }) = self.object()?;
         let mut tiles: Vec<TileId> = Vec::new();
         for (view, set) in &self.sets {
             let tile = wall.views()[usize::from(view.0)].tile;
@@ -76,15 +81,16 @@ impl Snapshot {
             }
         }
         let tiles = tiles.into_iter().map(|tile| wall.tile(tile).name.clone()).collect();
-        SeenBy { frame: self.frame, object: object.0, tiles }
+        Some(SeenBy { frame: self.frame, object: object.0, tiles })
     }
 
-    /// For each leaf and view, whether the view sees it, and if not, why. None where the question was about no tile.
-    pub fn why(&self, checker: &Checker) -> Option<Why> {
-        let Subject::Tile(object, tile) = self.subject else {
+    /// For each leaf and view, whether the view sees it, and if not, why. None where the question was about no tile, or
+    /// the frame was of a scene without the object.
+    pub fn why(&self, wall: &Wall) -> Option<Why> {
+        let Subject::Tile(_, tile) = self.subject else {
             return None;
         };
-        let (wall, package) = (checker.wall(), checker.package());
+        let (object, object_of) = self.object()?;
         let frusta: Vec<_> = self
             .sets
             .iter()
@@ -108,11 +114,10 @@ impl Snapshot {
             .iter()
             .map(|at| LeafWhy {
                 leaf: at.leaf,
-                object: package.scene.manifest.leaves[at.leaf as usize].object.0,
+                object: self.package.scene.manifest.leaves[at.leaf as usize].object.0,
                 views: (0..frusta.len()).map(|view| reason(at, view)).collect(),
             })
             .collect();
-        let object_of = &package.scene.objects[object.0 as usize];
         Some(Why {
             frame: self.frame,
             object: object.0,
@@ -126,7 +131,8 @@ impl Snapshot {
 }
 
 fn leaves_of(package: &Package, object: ObjectId) -> impl Iterator<Item = u32> + '_ {
-    package.scene.objects[object.0 as usize].leaves.iter().flat_map(|range| range.start..range.end)
+    let object = package.scene.objects.get(object.0 as usize);
+    object.into_iter().flat_map(|object| &object.leaves).flat_map(|range| range.start..range.end)
 }
 
 /// Whether a set holds any leaf of a range.

@@ -88,9 +88,7 @@ impl Master {
         let next = self.next_epoch.as_mut().expect("an epoch was proposed");
         if is_alone {
             let (package, wait) = (&next.insertion.package, EPOCH_WAIT.as_secs());
-            tracing::warn!(
-                "the standby was not prepared for {package:?} within {wait} s: it cannot take over before it has caught up"
-            );
+            tracing::warn!("the standby was not prepared for {package:?} within {wait} s: it would take over without that");
         }
         (next.stage, next.deadline) = (Stage::Begun, now + EPOCH_WAIT);
         for node in (0..self.nodes.len() as u16).map(NodeIndex) {

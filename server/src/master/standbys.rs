@@ -42,6 +42,7 @@ impl Master {
         self.peers.insert(peer, Peer::Standby);
         self.standbys.push(Standby { peer, heard: now, said: now, acked: None, prepared: 0 });
         self.send_insertions(now);
+        self.send_courses(now);
     }
 
     /// Why a master with another wall or scene is not listened to.
@@ -65,10 +66,7 @@ impl Master {
                 let reason = format!("it speaks of epoch {epoch}, but the newest is {newest}");
                 self.dismiss(peer, Bye::new(ByeCode::Malformed, reason));
             }
-            ToMaster::Prepared { epoch } => {
-                standby.prepared = epoch;
-                self.send_courses(now);
-            }
+            ToMaster::Prepared { epoch } => standby.prepared = epoch,
             ToMaster::Unprepared { epoch, reason } => {
                 let refusal = format!("the master that stands by cannot follow: {reason}");
                 if epoch <= self.epoch || !self.refuse_epoch(refusal) {
@@ -98,11 +96,10 @@ impl Master {
         self.standbys.iter().all(|standby| standby.prepared >= epoch)
     }
 
-    /// Tells every standby that is prepared for it where the show stands, if it has begun.
+    /// Tells every standby where the show stands, if it has begun.
     pub(super) fn send_courses(&mut self, now: Duration) {
         for at in 0..self.standbys.len() {
-            let is_prepared = self.standbys[at].prepared >= self.epoch;
-            if is_prepared && self.history.course(self.standbys[at].acked, self.epoch, &mut self.course) {
+            if self.history.course(self.standbys[at].acked, self.epoch, &mut self.course) {
                 let mut bytes = self.pool.pop().unwrap_or_default();
                 let encoded = self.course.encode(&mut bytes);
                 self.put_to_standby(at, encoded, Message { kind: Kind::Frame, bytes }, now);

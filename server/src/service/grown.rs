@@ -6,10 +6,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use mullion_common::scene::{Package, SceneSize};
 use mullion_common::wire::{Insertion, SectionRef};
+use thiserror::Error;
 
 use super::blobs::{Blobs, Part};
 use super::{OfferError, ServiceError};
-use crate::library::Library;
+use crate::library::{Library, LibraryError};
 use crate::prepare::{Placement, graft};
 use crate::tree::{Bounds, DynamicScene};
 
@@ -46,6 +47,17 @@ impl Joined {
     }
 }
 
+/// Why a standby's scene does not grow as its master's.
+#[derive(Debug, Error)]
+pub(super) enum GrowError {
+    #[error("package {name:?}: the standby has no library; start it with --library")]
+    NoLibrary { name: String },
+    #[error(transparent)]
+    Library(#[from] LibraryError),
+    #[error("package {name:?}: {error}")]
+    Offer { name: String, error: OfferError },
+}
+
 impl Grown {
     /// What a show begins with.
     ///
@@ -64,13 +76,12 @@ impl Grown {
     }
 
     /// The same with one insertion more, from a library. Takes long.
-    pub fn with(mut self, insertion: &Insertion, library: Option<&Library>) -> Result<Self, String> {
-        let name = &insertion.package;
-        let library = library.ok_or_else(|| format!("package {name:?}: the standby has no library; start it with --library"))?;
-        let added = library.inserted(insertion).map_err(|error| error.to_string())?;
-        let joined =
-            Joined::new(&self.package, &added, insertion.clone()).map_err(|error| format!("package {name:?}: {error}"))?;
-        self.grow(&joined);
+    pub fn with(mut self, insertion: &Insertion, library: Option<&Library>) -> Result<Self, GrowError> {
+        let name = || insertion.package.clone();
+        let library = library.ok_or_else(|| GrowError::NoLibrary { name: name() })?;
+        let added = library.inserted(insertion)?;
+        let joined = Joined::new(&self.package, &added, insertion.clone());
+        self.grow(&joined.map_err(|error| GrowError::Offer { name: name(), error })?);
         Ok(self)
     }
 

@@ -21,7 +21,7 @@ use super::grown::Joined;
 use super::{Pose, Service, ServiceError};
 use crate::library::content_hash;
 use crate::prepare::GraftError;
-use crate::tree::{Bounds, DynamicScene};
+use crate::tree::{Bounds, DynamicScene, Presence};
 
 /// What became of an offer.
 #[derive(Debug)]
@@ -108,7 +108,7 @@ impl Offer {
     }
 
     /// Gives it back to whoever made it.
-    pub(super) fn refuse(self: Arc<Self>, reason: String) {
+    pub(crate) fn refuse(self: Arc<Self>, reason: String) {
         let outcomes = self.outcomes.clone();
         let _ = outcomes.send(Outcome::Refused(reason, self)); // nobody wants to know
     }
@@ -143,7 +143,7 @@ impl Service {
                     Err(error) => offer.refuse(error.to_string()),
                 }
             } else {
-                offer.refuse("another master drove the show meanwhile, and its scene is another one".to_owned());
+                offer.refuse("the scene is another one than it was joined to".to_owned());
             }
         }
         if self.proposed.is_some()
@@ -166,6 +166,8 @@ impl Service {
         if let Some(offer) = begins {
             self.master.enter_epoch();
             self.grown.grow(&offer.joined);
+            // It is seen, whatever it is part of was removed; masters after this one hear of it.
+            pose.presence.insert(0, (ObjectId(offer.objects().start), Presence::There));
             offer.tell(Outcome::Begun(number));
         }
     }

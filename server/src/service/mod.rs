@@ -184,10 +184,12 @@ pub enum ServiceError {
 /// As [`serve`].
 pub fn run(listener: std::net::TcpListener, show: Show) -> Result<ShowReport, ServiceError> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    let report = runtime.block_on(async {
         listener.set_nonblocking(true)?;
         serve(TcpListener::from_std(listener)?, show).await
-    })
+    });
+    runtime.shutdown_background(); // what a standby prepares may take long, and nobody needs it
+    report
 }
 
 /// Runs a show until its last frame, or until `stop` turns true. Camera and cull are called from the task that awaits

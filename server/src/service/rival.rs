@@ -64,6 +64,7 @@ impl Service {
     pub(super) fn step_back(&mut self, master: String, reason: String) {
         if !self.is_finished {
             (self.show.node_observer)(&NodeEvent::SteppedBack { master: master.clone(), reason });
+            self.show.options.succession.stand_by(); // what is sent from now on is for another one
             self.stands_by_for = Some(master);
             self.master.handle_shutdown(&Bye::new(ByeCode::OtherMaster, "another master drives the wall"));
         }

@@ -2,6 +2,8 @@
 
 use std::future::pending;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 
 use mullion_common::wire::{Insertion, Insertions, ToMaster};
 use tokio::task::{JoinHandle, spawn_blocking};
@@ -23,8 +25,24 @@ impl Scene {
     }
 }
 
-/// Which epoch cannot be followed to, and why.
-type Failure = (u32, String);
+/// A scene that could not be made.
+struct Failure {
+    insertions: Vec<Insertion>,
+    /// The first that could not be followed to.
+    epoch: u32,
+    reason: String,
+}
+
+/// Whether a course is of a scene that is here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Entry {
+    /// It is.
+    Here,
+    /// What is here is that scene before the last insertions: the course holds for it, but for objects that are not here.
+    Behind,
+    /// What is here is another scene.
+    Apart,
+}
 
 /// Follows a master's insertions with packages of its own library.
 pub(super) struct Scenes {
@@ -37,6 +55,8 @@ pub(super) struct Scenes {
     /// What the master that is followed has said.
     wanted: Option<Insertions>,
     work: Option<JoinHandle<Result<Scene, Failure>>>,
+    /// Nobody needs the work any more.
+    is_over: Arc<AtomicBool>,
     /// What is wanted cannot be had.
     has_failed: bool,
     said: Option<u32>,
@@ -46,7 +66,8 @@ impl Scenes {
     /// `own`: what the show's own cull holds.
     pub fn new(first: &Grown, own: &Grown, library: Option<Library>) -> Self {
         let shown = Scene { grown: own.clone(), fresh: None };
-        Self { library, first: first.clone(), shown, next: None, wanted: None, work: None, has_failed: false, said: None }
+        let (first, is_over) = (first.clone(), Arc::default());
+        Self { library, first, shown, next: None, wanted: None, work: None, is_over, has_failed: false, said: None }
     }
 
     /// A connection to a master begins.
@@ -64,21 +85,28 @@ impl Scenes {
         &self.shown.grown
     }
 
-    pub fn into_shown(self) -> Scene {
-        self.shown
+    /// The end: what is shown. The rest takes time to be given back.
+    pub fn into_shown(mut self) -> Scene {
+        let grown = self.shown.grown.clone();
+        let shown = std::mem::replace(&mut self.shown, Scene { grown, fresh: None });
+        let _ = thread::Builder::new().name("retire".to_owned()).spawn(move || drop(self)); // without a thread, here and now
+        shown
     }
 
-    /// A course of that epoch came. Whether its scene is there.
-    pub fn enter(&mut self, epoch: u32) -> bool {
-        let Some(wanted) = &mut self.wanted else { return false };
-        let count = epoch.wrapping_sub(1);
-        let Some(insertions) = wanted.list.get(..count as usize) else { return false };
-        if !self.shown.is(insertions) {
-            let Some(next) = self.next.take_if(|next| next.is(insertions)) else { return false };
+    /// A course of that epoch came. `None`: nothing was said of such a scene.
+    pub fn enter(&mut self, epoch: u32) -> Option<Entry> {
+        let wanted = self.wanted.as_mut()?;
+        let count = epoch.checked_sub(1)?;
+        let insertions = wanted.list.get(..count as usize)?;
+        wanted.entered = count;
+        if let Some(next) = self.next.take_if(|next| next.is(insertions)) {
             self.shown = next;
         }
-        wanted.entered = count;
-        true
+        Some(match insertions.strip_prefix(self.shown.grown.insertions()) {
+            Some([]) => Entry::Here,
+            Some(_) => Entry::Behind,
+            None => Entry::Apart,
+        })
     }
 
     /// What the master is to be told next. Nothing is lost where this is not awaited to its end.
@@ -96,14 +124,17 @@ impl Scenes {
             self.work = None;
             // Something else may be wanted meanwhile.
             let Some(target) = self.target() else { continue };
-            let result = result.unwrap_or_else(|error| Err((1 + target.len() as u32, format!("it failed: {error}"))));
-            match result {
+            let failed = |error| {
+                let (insertions, epoch) = (target.to_vec(), 1 + target.len() as u32);
+                Err(Failure { insertions, epoch, reason: format!("it failed: {error}") })
+            };
+            match result.unwrap_or_else(failed) {
                 Ok(scene) if scene.is(target) => self.next = Some(scene),
-                Ok(_) => {}
-                Err((epoch, reason)) => {
+                Err(failure) if failure.insertions == target => {
                     self.has_failed = true;
-                    return ToMaster::unprepared(epoch, reason);
+                    return ToMaster::unprepared(failure.epoch, failure.reason);
                 }
+                Ok(_) | Err(_) => {}
             }
         }
     }
@@ -141,14 +172,32 @@ impl Scenes {
         let is_part = |grown: &&Grown| insertions.starts_with(grown.insertions());
         let known = [self.next.as_ref().map(|next| &next.grown), Some(&self.shown.grown)];
         let from = known.into_iter().flatten().find(is_part).unwrap_or(&self.first).clone();
-        let library = self.library.clone();
-        spawn_blocking(move || prepare(from, insertions, library.as_ref()))
+        let (library, is_over) = (self.library.clone(), Arc::clone(&self.is_over));
+        spawn_blocking(move || prepare(from, insertions, library.as_ref(), &is_over))
     }
 }
 
-fn prepare(mut grown: Grown, insertions: Vec<Insertion>, library: Option<&Library>) -> Result<Scene, Failure> {
-    for (count, insertion) in insertions.iter().enumerate().skip(grown.insertions().len()) {
-        grown = grown.with(insertion, library).map_err(|reason| (count as u32 + 2, reason))?;
+impl Drop for Scenes {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+    }
+}
+
+fn prepare(
+    mut grown: Grown,
+    insertions: Vec<Insertion>,
+    library: Option<&Library>,
+    is_over: &AtomicBool,
+) -> Result<Scene, Failure> {
+    for count in grown.insertions().len()..insertions.len() {
+        let joined = match is_over.load(Ordering::Relaxed) {
+            true => Err("the standby has gone".to_owned()),
+            false => grown.with(&insertions[count], library).map_err(|error| error.to_string()),
+        };
+        grown = match joined {
+            Ok(grown) => grown,
+            Err(reason) => return Err(Failure { insertions, epoch: count as u32 + 2, reason }),
+        };
     }
     let fresh = FreshScene::new(Arc::clone(grown.package()), insertions);
     Ok(Scene { grown, fresh: Some(Arc::new(fresh)) })
@@ -159,6 +208,7 @@ mod tests {
     use futures_util::FutureExt;
     use mullion_common::scene::Package;
 
+    use super::Entry::{Apart, Behind, Here};
     use super::*;
     use crate::library::content_hash;
 
@@ -222,24 +272,24 @@ mod tests {
         let mut scenes = stage.standby(&[]);
         scenes.greet();
         assert_eq!(stage.answers(&mut scenes, 0), []);
-        assert!(!scenes.enter(1), "nothing is known of the master's scene");
+        assert_eq!(scenes.enter(1), None, "nothing is known of the master's scene");
         scenes.want(wanted(0, &[]));
         assert_eq!(stage.answers(&mut scenes, 1), [prepared(1)]);
-        assert!(scenes.enter(1) && !scenes.enter(2) && !scenes.enter(0));
+        assert_eq!([0, 2, 1].map(|epoch| scenes.enter(epoch)), [None, None, Some(Here)]);
         scenes.want(wanted(0, &["a"]));
         assert_eq!(stage.answers(&mut scenes, 2), [prepared(1), prepared(2)]);
-        assert!(scenes.enter(1), "it may take a while before it is shown");
+        assert_eq!(scenes.enter(1), Some(Here), "it may take a while before it is shown");
         assert_eq!(shown(&scenes), (vec![], false));
-        assert!(scenes.enter(2) && !scenes.enter(3));
+        assert_eq!([2, 3].map(|epoch| scenes.enter(epoch)), [Some(Here), None]);
         assert_eq!(shown(&scenes), (vec!["a".into()], true));
         // The next one comes before a course of the last: that one keeps its place until then.
         scenes.want(wanted(1, &["a", "b"]));
         assert_eq!(stage.answers(&mut scenes, 2), [prepared(2), prepared(3)]);
         scenes.want(wanted(2, &["a", "b", "c"]));
         assert_eq!(stage.answers(&mut scenes, 1), [prepared(3)]);
-        assert!(scenes.enter(3));
+        assert_eq!(scenes.enter(3), Some(Here));
         assert_eq!(stage.answers(&mut scenes, 1), [prepared(4)]);
-        assert!(scenes.enter(4));
+        assert_eq!(scenes.enter(4), Some(Here));
         assert_eq!(shown(&scenes).0, ["a", "b", "c"]);
         assert_eq!(scenes.shown().objects(), 3);
     }
@@ -249,13 +299,22 @@ mod tests {
         let stage = Stage::new();
         let mut scenes = stage.standby(&[]);
         scenes.want(wanted(2, &["a", "b", "c"]));
+        assert_eq!(scenes.enter(3), Some(Behind), "it could take over without them");
         assert_eq!(stage.answers(&mut scenes, 1), [prepared(3)]);
-        assert!(!scenes.enter(2) && scenes.enter(3));
+        assert_eq!(scenes.enter(3), Some(Here));
         assert_eq!(stage.answers(&mut scenes, 1), [prepared(4)]);
-        // A connection later.
+        // The next is shown before it is prepared, and the master is in no hurry.
+        assert_eq!(scenes.enter(4), Some(Here));
+        scenes.want(wanted(4, &["a", "b", "c", "a"]));
+        assert_eq!(scenes.enter(5), Some(Behind));
+        assert_eq!(stage.answers(&mut scenes, 1), [prepared(5)]);
+        assert_eq!(scenes.enter(5), Some(Here));
+        // A connection later, to one that has restarted.
         scenes.greet();
         scenes.want(wanted(2, &["a", "b"]));
+        assert_eq!(scenes.enter(3), Some(Apart));
         assert_eq!(stage.answers(&mut scenes, 1), [prepared(3)]);
+        assert_eq!(scenes.enter(3), Some(Here));
         assert_eq!(shown(&scenes).0, ["a", "b"]);
     }
 
@@ -265,14 +324,15 @@ mod tests {
         let mut scenes = stage.standby(&["a", "b"]);
         scenes.want(wanted(2, &["a", "b"]));
         assert_eq!(stage.answers(&mut scenes, 1), [prepared(3)]);
-        assert!(scenes.enter(3));
+        assert_eq!(scenes.enter(3), Some(Here));
         assert_eq!(shown(&scenes), (vec!["a".into(), "b".into()], false), "its own cull holds it");
         for (names, count) in [(&["a"][..], 2), (&["c"], 2), (&["a", "c"], 3), (&[], 1)] {
             let mut scenes = stage.standby(&["a", "b"]);
             scenes.want(wanted(count - 1, names));
+            assert_eq!(scenes.enter(count), Some(Apart));
             assert_eq!(stage.answers(&mut scenes, 1), [prepared(count)]);
             assert_eq!(shown(&scenes).0, ["a", "b"], "its own, until it hears of the other");
-            assert!(scenes.enter(count));
+            assert_eq!(scenes.enter(count), Some(Here));
             assert_eq!(shown(&scenes), (names.iter().map(|name| (*name).to_owned()).collect(), true));
             assert_eq!(scenes.shown().objects(), names.len());
         }
@@ -290,7 +350,7 @@ mod tests {
             };
             assert!(reason.contains("package \"none\""), "{reason}");
         }
-        assert!(scenes.enter(1), "the show goes on");
+        assert_eq!(scenes.enter(1), Some(Here), "the show goes on");
         let mut another = wanted(0, &["a"]);
         another.list[0].hash.0[0] ^= 1;
         scenes.want(another);
@@ -299,7 +359,8 @@ mod tests {
         scenes.want(wanted(2, &["a", "none"]));
         let answers = stage.answers(&mut scenes, 1);
         assert!(matches!(&answers[..], [ToMaster::Unprepared { epoch: 3, .. }]), "{answers:?}");
-        let mut without = Scenes { library: None, ..stage.standby(&[]) };
+        let mut without = stage.standby(&[]);
+        without.library = None;
         without.want(wanted(0, &["a"]));
         let answers = stage.answers(&mut without, 2);
         assert!(matches!(&answers[1], ToMaster::Unprepared { reason, .. } if reason.contains("--library")), "{answers:?}");
@@ -311,10 +372,13 @@ mod tests {
         let mut scenes = stage.standby(&[]);
         scenes.want(wanted(0, &["a"]));
         assert_eq!(stage.runtime.block_on(scenes.answer()), prepared(1));
-        assert_eq!(stage.runtime.block_on(async { scenes.answer().now_or_never() }), None, "it works on it");
-        scenes.want(wanted(0, &["b"]));
-        assert_eq!(stage.answers(&mut scenes, 2), [prepared(1), prepared(2)]);
-        assert!(scenes.enter(2));
-        assert_eq!(shown(&scenes).0, ["b"]);
+        for on_the_way in ["a", "none"] {
+            let context = stage.runtime.enter();
+            scenes.work = Some(scenes.start(vec![insertion(on_the_way)]));
+            drop(context);
+            scenes.want(wanted(0, &["b"]));
+            assert_eq!(stage.answers(&mut scenes, 2), [prepared(1), prepared(2)]);
+            assert_eq!(scenes.next.take().map(|next| next.is(&[insertion("b")])), Some(true));
+        }
     }
 }

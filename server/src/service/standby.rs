@@ -5,19 +5,19 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::StreamExt;
-use mullion_common::scene::{ObjectId, Presence};
+use mullion_common::scene::{ObjectId, Presence, Transform};
 use mullion_common::tls::describe;
 use mullion_common::wall::Wall;
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, Course, MAX_TO_TILE_BYTES, Moved, Opening, StandbyHello, Stats, Steering, ToMaster, ToStandby,
-    WireError,
+    ALIVE_EVERY, Bye, ByeCode, Course, MAX_TILE_SECTION_BYTES, MAX_TO_TILE_BYTES, Moved, Opening, StandbyHello, Stats, Steering,
+    ToMaster, ToStandby, WireError,
 };
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 
 use super::connection::{framed, write_all};
 use super::grown::Grown;
 use super::network::{Connector, Listener, Socket, Writer};
-use super::scenes::{Scene, Scenes};
+use super::scenes::{Entry, Scene, Scenes};
 use super::transport::{Security, connect};
 use super::{Heritage, Inherited, NodeEvent, Rate, ServiceError, Show, stopped};
 use crate::master::{LastWords, TELL_STANDBYS_EVERY};
@@ -34,6 +34,9 @@ const TRY_EVERY: Duration = Duration::from_millis(30);
 const TRY_AGAIN_LATER: Duration = Duration::from_secs(1);
 /// How long a master that stepped back waits for the first word of the one that it stepped back for, before it takes the show up again.
 const FIRST_WORD_LIMIT: Duration = Duration::from_secs(3);
+
+/// Most objects that a scene may have grown to.
+const MAX_OBJECTS: usize = MAX_TILE_SECTION_BYTES as usize / size_of::<Transform>();
 
 /// How a connection to the master ended.
 enum Parting {
@@ -60,7 +63,8 @@ pub(super) async fn stand_by(
     (scenes, course): (Scenes, Option<Course>),
 ) -> Result<Option<Inheritance>, ServiceError> {
     let mut known = Known::new(&show.wall, scenes);
-    course.map_or(Ok(()), |course| known.note(course, Instant::now())).map_err(std::io::Error::other)?;
+    let objects = known.scenes.shown().objects();
+    course.map_or(Ok(()), |course| known.note(course, objects, Instant::now())).map_err(std::io::Error::other)?;
     let mut stop = show.stop.clone();
     let (connector, security) = (show.options.connector.clone(), show.options.security.clone());
     show.options.succession.stand_by();
@@ -121,16 +125,21 @@ impl Known {
         Self { views, scenes, is_followed: false, newest: None, moved: BTreeMap::new(), presence: LastWords::default() }
     }
 
-    /// Takes a course that the master sent, unless it is not one of this wall and scene.
-    fn take(&mut self, course: Course, heard: Instant) -> Result<(), &'static str> {
-        if !self.scenes.enter(course.epoch) {
-            return Err("a course of a scene that it was not told of");
-        }
-        self.note(course, heard)
+    /// Takes a course that the master sent, unless it is not one of this wall and scene; whether it is of use.
+    fn take(&mut self, course: Course, heard: Instant) -> Result<bool, &'static str> {
+        self.is_followed = true;
+        let objects = match self.scenes.enter(course.epoch) {
+            None => return Err("a course of a scene that it did not tell of"),
+            Some(Entry::Apart) => return Ok(false),
+            Some(Entry::Behind) => MAX_OBJECTS,
+            Some(Entry::Here) => self.scenes.shown().objects(),
+        };
+        self.note(course, objects, heard)?;
+        Ok(true)
     }
 
-    fn note(&mut self, mut course: Course, heard: Instant) -> Result<(), &'static str> {
-        let objects = self.scenes.shown().objects();
+    /// Takes a course of a scene with so many objects.
+    fn note(&mut self, mut course: Course, objects: usize, heard: Instant) -> Result<(), &'static str> {
         let is_known = |object: ObjectId| (object.0 as usize) < objects;
         if course.eyes.len() != self.views || ![0, self.views].contains(&course.budgets.len()) {
             return Err("a course of another wall");
@@ -166,7 +175,12 @@ impl Known {
         course.base = None;
         course.moved = self.moved.into_values().collect();
         self.presence.since(None, &mut course.presence);
-        Some(Inheritance { course, scene: self.scenes.into_shown() })
+        let scene = self.scenes.into_shown();
+        // What is said of objects that have not come waits for nobody.
+        let is_here = |object: ObjectId| (object.0 as usize) < scene.grown.objects();
+        course.moved.retain(|moved| is_here(moved.object));
+        course.presence.retain(|(object, _)| is_here(*object));
+        Some(Inheritance { course, scene })
     }
 }
 
@@ -201,7 +215,7 @@ async fn follow(network: (&Connector, &Security), master: &str, hello: &StandbyH
             Parting::Bye(bye) if matches!(bye.code, ByeCode::EndOfShow | ByeCode::VersionMismatch | ByeCode::Refused) => {
                 return Parting::Bye(bye);
             }
-            Parting::Bye(bye) if bye.code == ByeCode::Failed => return Parting::Lost(bye.to_string()),
+            Parting::Bye(bye) if bye.code == ByeCode::Failed && known.newest.is_some() => return Parting::Lost(bye.to_string()),
             Parting::Bye(bye) => {
                 lost = None; // it is there
                 complain(format!("{master}: {bye}; trying again"));
@@ -260,11 +274,11 @@ async fn converse(
                 match ToStandby::decode(&body) {
                     Ok(ToStandby::Course(course)) => {
                         let frame = course.number;
-                        if let Err(problem) = known.take(*course, Instant::now()) {
-                            return Parting::Lost(format!("the master sent {problem}"));
+                        match known.take(*course, Instant::now()) {
+                            Ok(true) => ToMaster::Ready { frame, shown: None },
+                            Ok(false) => continue,
+                            Err(problem) => return Parting::Lost(format!("the master sent {problem}")),
                         }
-                        known.is_followed = true;
-                        ToMaster::Ready { frame, shown: None }
                     }
                     Ok(ToStandby::Insertions(insertions)) => {
                         known.scenes.want(insertions);

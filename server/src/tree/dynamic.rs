@@ -59,7 +59,7 @@ impl DynamicScene {
     }
 
     /// The package, as it was prepared.
-    pub fn package(&self) -> &Package {
+    pub fn package(&self) -> &Arc<Package> {
         &self.package
     }
 
