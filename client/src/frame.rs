@@ -10,6 +10,7 @@ use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId};
 
 use crate::missing::WhenMissing;
+use crate::occlusion::Occlusion;
 
 /// What the planner needs to know of one frame.
 pub struct FrameInput<'a> {
@@ -53,6 +54,9 @@ pub struct PassPlan {
     pub projection: Projection,
     /// Opaque and masked leaves, drawn in ascending order.
     pub opaque: VisibleSet,
+    /// With occlusion culling those of `opaque` that are drawn at once. The others, and blended ones, are drawn where their boxes are seen
+    /// beyond these.
+    pub first: Option<VisibleSet>,
     /// Blended leaves, drawn in this order: back to front, ties by leaf.
     pub blended: Vec<u32>,
     /// Leaves drawn as boxes, whatever their material: opaque, after all that is opaque and before all that is blended. Ascending.
@@ -62,14 +66,14 @@ pub struct PassPlan {
 }
 
 /// What came of a plan.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PassResults {
     /// For each pass.
     pub passes: Vec<PassResult>,
 }
 
 /// What came of one pass.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PassResult {
     /// The view drawn.
     pub view: ViewId,
@@ -81,6 +85,8 @@ pub struct PassResult {
     pub triangles: u64,
     /// Runs of leaves drawn with one state.
     pub batches: u32,
+    /// With occlusion culling all leaves whose boxes are seen beyond those that were drawn at once, these among them.
+    pub seen: Option<VisibleSet>,
 }
 
 /// Plans frames. Keeps its memory from frame to frame.
@@ -90,12 +96,21 @@ pub struct Planner {
     spare_passes: Vec<PassPlan>,
     /// Squared distance and leaf.
     keyed: Vec<(f64, u32)>,
+    occlusion: Occlusion,
+    /// What was seen of each view in the last frame, with occlusion culling.
+    seen: Vec<(ViewId, VisibleSet)>,
 }
 
 impl Planner {
     /// A planner that has planned nothing yet.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// The same with occlusion culling.
+    #[must_use]
+    pub fn culling(self, occlusion: Occlusion) -> Self {
+        Self { occlusion, ..self }
     }
 
     /// Starts a frame and returns its first round. A frame that was not complete is dropped.
@@ -111,13 +126,21 @@ impl Planner {
     /// Takes the results of the last round and returns the next, or `None` when the frame is complete.
     pub fn feed(&mut self, results: &PassResults) -> Option<&FramePlan> {
         debug_assert_eq!(results.passes.len(), self.plan.passes.len(), "results of another plan");
-        None // one round: nothing in it depends on what was seen
+        for result in &results.passes {
+            let Some(seen) = &result.seen else { continue };
+            match self.seen.iter_mut().find(|(view, _)| *view == result.view) {
+                Some((_, before)) => before.clone_from(seen),
+                None => self.seen.push((result.view, seen.clone())),
+            }
+        }
+        None // one round: what was seen is for the next frame
     }
 
     fn plan_pass(&mut self, input: &FrameInput<'_>, view: &ViewInput<'_>) -> PassPlan {
         let mut pass = self.spare_passes.pop().unwrap_or_else(|| PassPlan::empty(view));
         (pass.view, pass.projection, pass.missing) = (view.view, view.projection, 0);
         pass.opaque.clear();
+        let mut first = pass.first.take().unwrap_or_default();
         pass.blended.clear();
         pass.boxes.clear();
         self.keyed.clear();
@@ -142,6 +165,15 @@ impl Planner {
         }
         self.keyed.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         pass.blended.extend(self.keyed.iter().map(|&(_, leaf)| leaf));
+        if self.occlusion == Occlusion::TwoPass {
+            let seen = self.seen.iter().find(|(of, _)| *of == view.view).map(|(_, seen)| seen);
+            // All at once in the first frame: what they hide is known in the next.
+            match seen {
+                Some(seen) => pass.opaque.intersection_into(seen, &mut first),
+                None => first.clone_from(&pass.opaque),
+            }
+            pass.first = Some(first);
+        }
         pass
     }
 }
@@ -149,7 +181,8 @@ impl Planner {
 impl PassPlan {
     fn empty(view: &ViewInput<'_>) -> Self {
         let (view, projection) = (view.view, view.projection);
-        Self { view, projection, opaque: VisibleSet::default(), blended: Vec::new(), boxes: Vec::new(), missing: 0 }
+        let opaque = VisibleSet::default();
+        Self { view, projection, opaque, first: None, blended: Vec::new(), boxes: Vec::new(), missing: 0 }
     }
 }
 
@@ -241,7 +274,7 @@ mod tests {
     }
 
     fn result() -> PassResult {
-        PassResult { view: ViewId(3), leaves: 6, boxes: 0, triangles: 6, batches: 2 }
+        PassResult { view: ViewId(3), leaves: 6, boxes: 0, triangles: 6, batches: 2, seen: None }
     }
 
     #[test]

@@ -13,6 +13,7 @@ use mullion_common::wire::{Moved, ViewSpec};
 use crate::frame::{FrameInput, Planner, ViewInput};
 use crate::gpu::{Attachments, Gpu, GpuError, Renderer, ViewTarget};
 use crate::node::{PaintError, Painter};
+use crate::occlusion::Occlusion;
 use crate::output::headless::write_png;
 use crate::output::layout;
 use crate::output::window::WindowFeed;
@@ -37,6 +38,7 @@ pub struct GpuPainter {
     gpu: Arc<Gpu>,
     output: Output,
     scene: Option<OpenScene>,
+    occlusion: Occlusion,
     planner: Planner,
     shown: u64,
 }
@@ -50,7 +52,13 @@ struct OpenScene {
 impl GpuPainter {
     /// A painter without a scene.
     pub fn new(gpu: Arc<Gpu>, output: Output) -> Self {
-        Self { gpu, output, scene: None, planner: Planner::new(), shown: 0 }
+        Self { gpu, output, scene: None, occlusion: Occlusion::Off, planner: Planner::new(), shown: 0 }
+    }
+
+    /// The same with occlusion culling.
+    #[must_use]
+    pub fn culling(self, occlusion: Occlusion) -> Self {
+        Self { occlusion, planner: Planner::new().culling(occlusion), ..self }
     }
 
     /// What each tile shows, by name; none before the first frame was shown.
@@ -92,8 +100,12 @@ fn failed(error: impl std::fmt::Display) -> PaintError {
 impl Painter for GpuPainter {
     fn open_scene(&mut self, manifest: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError> {
         let targets: Vec<ViewTarget> = views.iter().map(|v| ViewTarget { view: v.view, size_px: v.size_px }).collect();
-        let renderer =
-            Renderer::new(Arc::clone(&self.gpu), Arc::clone(manifest), &targets, Attachments::Color).map_err(failed)?;
+        let attachments = match self.occlusion {
+            Occlusion::Off => Attachments::Color,
+            Occlusion::TwoPass => Attachments::ColorAndIds,
+        };
+        let renderer = Renderer::new(Arc::clone(&self.gpu), Arc::clone(manifest), &targets, attachments).map_err(failed)?;
+        self.planner = Planner::new().culling(self.occlusion); // it knows another scene's leaves
         if let Output::OwnWindow(feed) = &self.output {
             feed.lay_out(layout::lay_out(views)).map_err(|_| PaintError::Closed)?;
         }

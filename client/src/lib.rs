@@ -15,6 +15,7 @@ pub mod master_clock;
 pub mod missing;
 pub mod motion;
 pub mod node;
+pub mod occlusion;
 pub mod output;
 pub mod prefetch;
 pub mod protocol_node;

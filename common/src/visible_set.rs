@@ -164,6 +164,17 @@ impl VisibleSet {
         Difference { ranges: &self.ranges, holes: &other.ranges, start: 0 }.for_each(|range| out.push(range));
     }
 
+    /// `out` becomes the leaves of both sets.
+    pub fn intersection_into(&self, other: &Self, out: &mut Self) {
+        out.clear();
+        let mut others = &other.ranges[..];
+        for range in &self.ranges {
+            others = &others[others.partition_point(|other| other.end <= range.start)..];
+            let within = others.iter().take_while(|other| other.start < range.end);
+            within.for_each(|other| out.push(LeafRange::new(other.start.max(range.start), other.end.min(range.end))));
+        }
+    }
+
     /// `out` becomes this set without the leaves of `removed`, then with those of `added`. What neither touches is copied in
     /// one piece.
     pub fn patch_into(&self, removed: &Self, added: &Self, out: &mut Self) {

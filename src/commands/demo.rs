@@ -13,6 +13,7 @@ use mullion_client::gpu::{Gpu, GpuOptions, TileRect};
 use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{self, Connector, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, Reconnect, Security};
+use mullion_client::occlusion::Occlusion;
 use mullion_client::output::headless::write_png;
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 use mullion_common::camera_path::CameraPath;
@@ -52,6 +53,9 @@ pub struct Options {
     /// Show the wall in a window, too.
     #[arg(long)]
     window: bool,
+    /// Leave out what others hide: none or two-pass. The pictures are the same.
+    #[arg(long, value_name = "none|two-pass", default_value_t = Occlusion::Off)]
+    occlusion: Occlusion,
     /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.
     #[arg(long, default_value = "sweep")]
     algorithm: Algorithm,
@@ -114,7 +118,7 @@ pub fn run(options: &Options) -> Result<()> {
         .iter()
         .map(|node| {
             let output = feed.clone().map_or(Output::Keep, Output::Window);
-            let painter = GpuPainter::new(Arc::clone(&gpu), output);
+            let painter = GpuPainter::new(Arc::clone(&gpu), output).culling(options.occlusion);
             start_node(node.name.clone(), address.clone(), painter, stop.clone(), stopped.clone())
         })
         .collect();

@@ -10,6 +10,7 @@ use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{self, Connector, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, NodeTls, Reconnect, Security};
+use mullion_client::occlusion::Occlusion;
 use mullion_client::output::window::{Cover, Display, WindowOptions};
 use mullion_common::wire::Part;
 use tokio::sync::watch;
@@ -50,6 +51,9 @@ pub struct Options {
     /// What to show of what has not come yet: box, hold (the last picture, until everything is there) or nothing.
     #[arg(long, value_name = "box|hold|nothing", default_value_t = WhenMissing::Box)]
     missing: WhenMissing,
+    /// Leave out what others hide: none or two-pass. The pictures are the same.
+    #[arg(long, value_name = "none|two-pass", default_value_t = Occlusion::Off)]
+    occlusion: Occlusion,
     /// Folder for geometry and textures, so that a restart fetches only what is new; nodes of one machine may share it. The user's cache
     /// folder if left out.
     #[arg(long, value_name = "DIR")]
@@ -110,7 +114,8 @@ pub fn run(options: &Options) -> Result<()> {
     let report = match &options.headless {
         Some(folder) => {
             let gpu = Gpu::open(GpuOptions::default())?;
-            let mut painter = GpuPainter::new(gpu, Output::Folder { folder: folder.clone(), every: options.every });
+            let mut painter =
+                GpuPainter::new(gpu, Output::Folder { folder: folder.clone(), every: options.every }).culling(options.occlusion);
             let report = node::run(node_options, &mut painter)?;
             painter.write_pictures().map_err(|e| anyhow!("{e}"))?;
             report
@@ -127,7 +132,7 @@ fn run_in_window(options: &Options, node_options: NodeOptions, stop: &watch::Sen
     let display = Display::open()?;
     let gpu = Gpu::open(GpuOptions { display: Some(display.handle()) })?;
     let feed = display.feed();
-    let mut painter = GpuPainter::new(Arc::clone(&gpu), Output::OwnWindow(feed.clone()));
+    let mut painter = GpuPainter::new(Arc::clone(&gpu), Output::OwnWindow(feed.clone())).culling(options.occlusion);
     let cover = if options.fullscreen { Cover::Screen } else { Cover::Window };
     let title = format!("Mullion {}", options.name);
     let node_thread = std::thread::spawn(move || {

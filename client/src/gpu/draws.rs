@@ -1,6 +1,8 @@
 //! A pass as the GPU takes it: a record per object, an instance and a draw per leaf, and runs of draws that share
 //! their state.
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
 
 use super::device::{Gpu, GpuError};
@@ -13,7 +15,7 @@ pub(super) struct Instance {
     /// Index of its `clip_from_local` among the records.
     pub record: u32,
     pub material: u32,
-    pub object: u32,
+    pub leaf: u32,
 }
 const _: () = assert!(size_of::<Instance>() == 12);
 
@@ -54,8 +56,10 @@ pub(super) struct DrawList {
     pub arguments: Vec<DrawArguments>,
     pub batches: Vec<Batch>,
     pub triangles: u64,
-    /// How many of the draws are boxes.
-    pub boxes: u32,
+    /// Draws that are boxes in the place of leaves.
+    pub stand_ins: Range<u32>,
+    /// Draws from here on share no batch with those before.
+    part: u32,
 }
 
 impl DrawList {
@@ -65,7 +69,13 @@ impl DrawList {
         self.arguments.clear();
         self.batches.clear();
         self.triangles = 0;
-        self.boxes = 0;
+        self.stand_ins = 0..0;
+        self.part = 0;
+    }
+
+    /// What follows shares no batch with what is there.
+    pub fn part(&mut self) {
+        self.part = self.arguments.len() as u32;
     }
 
     pub fn push(&mut self, state: State, instance: Instance, indices: (u32, u32), base_vertex: u32) {
@@ -76,7 +86,7 @@ impl DrawList {
         self.instances.push(instance);
         self.triangles += u64::from(index_count / 3);
         match self.batches.last_mut() {
-            Some(batch) if batch.state == state => batch.end = draw + 1,
+            Some(batch) if batch.state == state && batch.start >= self.part => batch.end = draw + 1,
             _ => self.batches.push(Batch { state, start: draw, end: draw + 1 }),
         }
     }
@@ -95,7 +105,7 @@ impl DrawBuffers {
         Self {
             records: GrowingBuffer::new(gpu, "records", Use::STORAGE),
             instances: GrowingBuffer::new(gpu, "instances", Use::VERTEX),
-            arguments: GrowingBuffer::new(gpu, "draws", Use::INDIRECT),
+            arguments: GrowingBuffer::new(gpu, "draws", Use::INDIRECT | Use::STORAGE),
         }
     }
 
@@ -122,13 +132,21 @@ pub(super) struct GrowingBuffer {
 impl GrowingBuffer {
     const LEAST_BYTES: u64 = 4096;
 
-    fn new(gpu: &Gpu, label: &'static str, usage: wgpu::BufferUsages) -> Self {
+    pub fn new(gpu: &Gpu, label: &'static str, usage: wgpu::BufferUsages) -> Self {
         let usage = usage | wgpu::BufferUsages::COPY_DST;
         Self { label, usage, buffer: create(gpu, label, Self::LEAST_BYTES, usage), generation: 0 }
     }
 
-    fn write(&mut self, gpu: &Gpu, bytes: &[u8], limit: u64) -> Result<(), GpuError> {
-        let needed = bytes.len() as u64;
+    pub fn write(&mut self, gpu: &Gpu, bytes: &[u8], limit: u64) -> Result<(), GpuError> {
+        self.reserve(gpu, bytes.len() as u64, limit)?;
+        if !bytes.is_empty() {
+            gpu.queue.write_buffer(&self.buffer, 0, bytes);
+        }
+        Ok(())
+    }
+
+    /// Makes room, and forgets what was there where it must grow.
+    pub fn reserve(&mut self, gpu: &Gpu, needed: u64, limit: u64) -> Result<(), GpuError> {
         if needed > limit {
             return Err(GpuError::Limit { what: self.label, value: needed, limit });
         }
@@ -136,9 +154,6 @@ impl GrowingBuffer {
             let size = needed.next_power_of_two().min(limit & !3);
             self.buffer = create(gpu, self.label, size, self.usage);
             self.generation += 1;
-        }
-        if !bytes.is_empty() {
-            gpu.queue.write_buffer(&self.buffer, 0, bytes);
         }
         Ok(())
     }

@@ -5,12 +5,15 @@
 //!                        ├ arena      geometry of resident chunks, in a few large buffers
 //!                        ├ textures   decoded images with their mipmaps
 //!                        ├ pipelines  one for each way that a leaf can be drawn
-//!                        └ draws      a pass as records, instances and batches
+//!                        ├ draws      a pass as records, instances and batches
+//!                        └ occlusion  which of them are hidden
 //! ```
 
 mod arena;
+mod culled;
 mod device;
 mod draws;
+mod occlusion;
 mod pipelines;
 mod present;
 mod readback;

@@ -26,6 +26,14 @@ pub(super) enum Sides {
     FrontMirrored,
 }
 
+/// Whether a pipeline draws beyond what was drawn first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Turn {
+    First,
+    /// Solid leaves: each wins where it is as near as a later one of the first turn, as if all had been drawn in ascending order.
+    Late,
+}
+
 /// A pipeline's number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PipelineKey(u8);
@@ -36,6 +44,12 @@ impl PipelineKey {
 
     pub fn new(coverage: Coverage, sides: Sides) -> Self {
         Self(coverage as u8 * 3 + sides as u8)
+    }
+
+    /// The same in another turn. Blended leaves have but one.
+    pub fn in_turn(self, turn: Turn) -> Self {
+        let is_solid = self.0 < Coverage::Blended as u8 * 3;
+        if turn == Turn::Late && is_solid { Self(self.0 + FIRST_TURN) } else { self }
     }
 }
 
@@ -49,12 +63,17 @@ impl Coverage {
     }
 }
 
+/// How many pipelines there are before those of the late turn.
+const FIRST_TURN: u8 = 9;
+
 /// Layouts and pipelines for one choice of attachments.
 pub(super) struct Pipelines {
     /// View, records, materials.
     pub view_layout: wgpu::BindGroupLayout,
     /// Texture and sampler.
     pub texture_layout: wgpu::BindGroupLayout,
+    module: wgpu::ShaderModule,
+    attachments: Attachments,
     by_key: Vec<wgpu::RenderPipeline>,
 }
 
@@ -75,9 +94,29 @@ impl Pipelines {
             immediate_size: 0,
         });
         let by_key = (PipelineKey::COVERAGES.into_iter())
-            .flat_map(|coverage| PipelineKey::SIDES.map(|sides| pipeline(device, &module, &layout, attachments, coverage, sides)))
+            .flat_map(|coverage| {
+                PipelineKey::SIDES.map(|sides| pipeline(device, &module, &layout, attachments, (coverage, sides, Turn::First)))
+            })
             .collect();
-        Self { view_layout, texture_layout, by_key }
+        Self { view_layout, texture_layout, module, attachments, by_key }
+    }
+
+    /// Makes those of the late turn, if they are not there.
+    pub fn add_late(&mut self, gpu: &Gpu, first_layout: &wgpu::BindGroupLayout) {
+        if self.by_key.len() > usize::from(FIRST_TURN) {
+            return;
+        }
+        let device = &gpu.device;
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("late"),
+            bind_group_layouts: &[Some(&self.view_layout), Some(&self.texture_layout), Some(first_layout)],
+            immediate_size: 0,
+        });
+        for coverage in [Coverage::Opaque, Coverage::Masked] {
+            for sides in PipelineKey::SIDES {
+                self.by_key.push(pipeline(device, &self.module, &layout, self.attachments, (coverage, sides, Turn::Late)));
+            }
+        }
     }
 
     pub fn get(&self, key: PipelineKey) -> &wgpu::RenderPipeline {
@@ -90,13 +129,14 @@ fn pipeline(
     module: &wgpu::ShaderModule,
     layout: &wgpu::PipelineLayout,
     attachments: Attachments,
-    coverage: Coverage,
-    sides: Sides,
+    (coverage, sides, turn): (Coverage, Sides, Turn),
 ) -> wgpu::RenderPipeline {
-    let (entry_point, blend) = match coverage {
-        Coverage::Opaque => ("opaque", None),
-        Coverage::Masked => ("masked", None),
-        Coverage::Blended => ("blended", Some(wgpu::BlendState::ALPHA_BLENDING)),
+    let (entry_point, blend) = match (coverage, turn) {
+        (Coverage::Opaque, Turn::First) => ("opaque", None),
+        (Coverage::Opaque, Turn::Late) => ("opaque_late", None),
+        (Coverage::Masked, Turn::First) => ("masked", None),
+        (Coverage::Masked, Turn::Late) => ("masked_late", None),
+        (Coverage::Blended, _) => ("blended", Some(wgpu::BlendState::ALPHA_BLENDING)),
     };
     let solid = coverage != Coverage::Blended;
     let ids_mask = if solid { wgpu::ColorWrites::ALL } else { wgpu::ColorWrites::empty() };

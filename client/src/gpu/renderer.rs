@@ -1,5 +1,6 @@
 //! One scene and its views: takes chunks, executes plans.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DAffine3;
@@ -7,9 +8,10 @@ use mullion_common::scene::{ChunkId, ChunkKind, LeafRecord, ObjectId, SceneManif
 use mullion_common::wall::ViewId;
 
 use super::arena::{Arena, Slot};
+use super::culled::Culling;
 use super::device::{Gpu, GpuError};
 use super::draws::{DrawBuffers, DrawList, Instance, State};
-use super::pipelines::{Coverage, PipelineKey, Pipelines, Sides};
+use super::pipelines::{Coverage, PipelineKey, Pipelines, Sides, Turn};
 use super::targets::{Attachments, CLEAR_COLOR, Shown, Target};
 use super::upload::{self, Materials, UploadError};
 use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
@@ -26,23 +28,24 @@ pub struct ViewTarget {
 pub struct Renderer {
     pub(super) gpu: Arc<Gpu>,
     pub(super) targets: Vec<Target>,
-    manifest: Arc<SceneManifest>,
-    transforms: Vec<Transform>,
+    pub(super) manifest: Arc<SceneManifest>,
+    pub(super) transforms: Vec<Transform>,
     /// Whether an object's transform turns the winding around.
-    mirrored: Vec<bool>,
+    pub(super) mirrored: Vec<bool>,
     arena: Arena,
     /// Resident geometry, by `ChunkId`.
     geometry: Vec<Option<Slot>>,
     /// What boxes are drawn with.
     cube: Slot,
-    materials: Materials,
-    pipelines: Pipelines,
-    list: DrawList,
-    buffers: DrawBuffers,
+    pub(super) materials: Materials,
+    pub(super) pipelines: Pipelines,
+    pub(super) list: DrawList,
+    pub(super) buffers: DrawBuffers,
     /// For each object the pass that last made it a record, and that record.
     recorded: Vec<(u64, u32)>,
-    pass: u64,
-    last_submission: Option<wgpu::SubmissionIndex>,
+    pub(super) pass: u64,
+    pub(super) culling: Culling,
+    pub(super) last_submission: Option<wgpu::SubmissionIndex>,
 }
 
 impl Renderer {
@@ -76,6 +79,7 @@ impl Renderer {
             buffers,
             recorded: vec![(0, 0); manifest.transforms.len()],
             pass: 0,
+            culling: Culling::default(),
             last_submission: None,
             manifest,
             gpu,
@@ -149,13 +153,27 @@ impl Renderer {
     }
 
     /// Draws every pass of the plan. Returns when the GPU has its work, not when it is done: see
-    /// [`Renderer::wait`]. Leaves whose geometry is not resident are skipped.
+    /// [`Renderer::wait`]; with occlusion culling when it is done. Leaves whose geometry is not resident are skipped.
     ///
     /// # Errors
     /// When a pass names a view that is not this renderer's, is larger than the GPU's limits, or the GPU fails.
     pub fn draw(&mut self, plan: &FramePlan) -> Result<PassResults, GpuError> {
         self.arena.flush(&self.gpu);
-        let passes = plan.passes.iter().map(|pass| self.draw_pass(pass)).collect::<Result<_, _>>()?;
+        let mut passes = Vec::with_capacity(plan.passes.len());
+        let mut culled = Vec::new();
+        for pass in &plan.passes {
+            let at = self.targets.iter().position(|t| t.view == pass.view).ok_or(GpuError::UnknownView(pass.view.0))?;
+            passes.push(match &pass.first {
+                Some(first) if self.can_cull(at) => {
+                    culled.push((passes.len(), at));
+                    self.draw_culled(at, pass, first)?
+                }
+                _ => self.draw_pass(at, pass)?,
+            });
+        }
+        for (pass, at) in culled {
+            self.note_seen(at, &mut passes[pass])?;
+        }
         self.gpu.check()?;
         Ok(PassResults { passes })
     }
@@ -180,8 +198,7 @@ impl Renderer {
         Ok(shown)
     }
 
-    fn draw_pass(&mut self, pass: &PassPlan) -> Result<PassResult, GpuError> {
-        let at = self.targets.iter().position(|t| t.view == pass.view).ok_or(GpuError::UnknownView(pass.view.0))?;
+    fn draw_pass(&mut self, at: usize, pass: &PassPlan) -> Result<PassResult, GpuError> {
         self.list_draws(pass);
         self.buffers.write(&self.gpu, &self.list)?;
         let (target, records) = (&mut self.targets[at], &self.buffers.records);
@@ -189,31 +206,38 @@ impl Renderer {
         target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer), &self.materials.buffer);
 
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
-        self.encode(&self.targets[at], &mut encoder);
+        self.encode(&self.targets[at], &mut encoder, Load::Clear, 0..self.list.batches.len());
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
-        Ok(PassResult {
+        Ok(self.result(pass))
+    }
+
+    /// What is listed, all of it drawn.
+    pub(super) fn result(&self, pass: &PassPlan) -> PassResult {
+        PassResult {
             view: pass.view,
-            leaves: self.list.arguments.len() as u32 - self.list.boxes,
-            boxes: self.list.boxes,
+            leaves: (self.list.arguments.len() - self.list.stand_ins.len()) as u32,
+            boxes: self.list.stand_ins.len() as u32,
             triangles: self.list.triangles,
             batches: self.list.batches.len() as u32,
-        })
+            seen: None,
+        }
     }
 
     /// Fills the draw list: the plan's leaves in the plan's order.
     fn list_draws(&mut self, pass: &PassPlan) {
         self.list.clear();
         self.pass += 1;
-        self.list_leaves(pass, pass.opaque.leaves());
+        self.list_leaves(pass, pass.opaque.leaves(), Turn::First);
         self.list_boxes(pass);
-        self.list_leaves(pass, pass.blended.iter().copied());
+        self.list_leaves(pass, pass.blended.iter().copied(), Turn::First);
     }
 
     /// Boxes are the cube, stretched. Their inner sides are dropped: a box around the eye would hide everything.
-    fn list_boxes(&mut self, pass: &PassPlan) {
+    pub(super) fn list_boxes(&mut self, pass: &PassPlan) {
         const NO_TEXTURE: u32 = 0;
-        for leaf in &pass.boxes {
-            let Some(leaf) = self.manifest.leaves.get(*leaf as usize) else { continue };
+        let begin = self.list.arguments.len() as u32;
+        for &number in &pass.boxes {
+            let Some(leaf) = self.manifest.leaves.get(number as usize) else { continue };
             let object = leaf.object.0 as usize;
             let world_from_box = self.transforms[object].affine() * local_from_box(leaf);
             let record = self.list.records.len() as u32;
@@ -221,13 +245,13 @@ impl Renderer {
             let sides = if self.mirrored[object] { Sides::FrontMirrored } else { Sides::Front };
             let pipeline = PipelineKey::new(Coverage::Opaque, sides);
             let state = State { pipeline, texture: NO_TEXTURE, page: self.cube.page };
-            let instance = Instance { record, material: leaf.material.0, object: leaf.object.0 };
+            let instance = Instance { record, material: leaf.material.0, leaf: number };
             self.list.push(state, instance, (self.cube.first_index, self.cube.index_count), self.cube.first_vertex);
-            self.list.boxes += 1;
         }
+        self.list.stand_ins = begin..self.list.arguments.len() as u32;
     }
 
-    fn list_leaves(&mut self, pass: &PassPlan, leaves: impl Iterator<Item = u32>) {
+    pub(super) fn list_leaves(&mut self, pass: &PassPlan, leaves: impl Iterator<Item = u32>, turn: Turn) {
         for leaf in leaves {
             let Some(record) = self.manifest.leaves.get(leaf as usize) else { continue };
             let Some(slot) = self.geometry[record.chunk.0 as usize] else { continue };
@@ -246,19 +270,19 @@ impl Renderer {
                 (false, false) => Sides::Front,
                 (false, true) => Sides::FrontMirrored,
             };
-            let pipeline = PipelineKey::new(material.coverage, sides);
+            let pipeline = PipelineKey::new(material.coverage, sides).in_turn(turn);
             let state = State { pipeline, texture: material.texture, page: slot.page };
-            let instance = Instance { record: self.recorded[object].1, material: record.material.0, object: record.object.0 };
+            let instance = Instance { record: self.recorded[object].1, material: record.material.0, leaf };
             self.list.push(state, instance, (slot.first_index, slot.index_count), slot.first_vertex);
         }
     }
 
-    fn encode(&self, target: &Target, encoder: &mut wgpu::CommandEncoder) {
+    pub(super) fn encode(&self, target: &Target, encoder: &mut wgpu::CommandEncoder, load: Load, batches: Range<usize>) {
         let attachment = |view, clear| wgpu::RenderPassColorAttachment {
             view,
             depth_slice: None,
             resolve_target: None,
-            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(clear), store: wgpu::StoreOp::Store },
+            ops: wgpu::Operations { load: load.of(clear), store: wgpu::StoreOp::Store },
         };
         let ids = target.ids.as_ref().map(|(_, view)| attachment(view, wgpu::Color::TRANSPARENT));
         let color_attachments = [Some(attachment(&target.color_view, CLEAR_COLOR)), ids];
@@ -268,16 +292,19 @@ impl Renderer {
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &target.depth_view,
                 // Reversed depth: 0 is infinitely far.
-                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
+                depth_ops: Some(wgpu::Operations { load: load.of(0.0), store: wgpu::StoreOp::Store }),
                 stencil_ops: None,
             }),
             ..Default::default()
         });
         let Some((_, bindings)) = &target.bindings else { return };
         pass.set_bind_group(0, bindings, &[]);
+        if let (Load::Keep, Some(first)) = (load, &target.first) {
+            pass.set_bind_group(2, &first.bindings, &[]);
+        }
         pass.set_vertex_buffer(1, self.buffers.instances.buffer.slice(..));
         let mut bound: Option<State> = None;
-        for batch in &self.list.batches {
+        for batch in &self.list.batches[batches] {
             let state = batch.state;
             if bound.is_none_or(|b| b.pipeline != state.pipeline) {
                 pass.set_pipeline(self.pipelines.get(state.pipeline));
@@ -300,6 +327,22 @@ impl Renderer {
                 let indices = draw.first_index..draw.first_index + draw.index_count;
                 pass.draw_indexed(indices, draw.base_vertex, draw.first_instance..draw.first_instance + 1);
             }
+        }
+    }
+}
+
+/// What a pass begins with.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Load {
+    Clear,
+    Keep,
+}
+
+impl Load {
+    fn of<V>(self, clear: V) -> wgpu::LoadOp<V> {
+        match self {
+            Self::Clear => wgpu::LoadOp::Clear(clear),
+            Self::Keep => wgpu::LoadOp::Load,
         }
     }
 }

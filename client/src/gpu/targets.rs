@@ -6,6 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
 
 use super::device::{Gpu, GpuError};
+use super::occlusion::First;
 
 pub(super) const COLOR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
 pub(super) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
@@ -18,7 +19,7 @@ pub(super) const CLEAR_COLOR: wgpu::Color = wgpu::Color { r: 0.42, g: 0.53, b: 0
 pub enum Attachments {
     /// Colour.
     Color,
-    /// Colour, and which object is seen in each pixel.
+    /// Colour, and which leaf is seen in each pixel.
     ColorAndIds,
 }
 
@@ -51,8 +52,11 @@ pub(super) struct Target {
     pub size_px: [u32; 2],
     pub color: wgpu::Texture,
     pub color_view: wgpu::TextureView,
+    pub depth: wgpu::Texture,
     pub depth_view: wgpu::TextureView,
     pub ids: Option<(wgpu::Texture, wgpu::TextureView)>,
+    /// Made when it is first drawn with occlusion culling.
+    pub first: Option<First>,
     /// Made when it is first shown.
     pub shown: Option<wgpu::Texture>,
     uniform: wgpu::Buffer,
@@ -68,9 +72,9 @@ impl Target {
         }
         use wgpu::TextureUsages as Use;
         let color = texture(gpu, "colour", size_px, COLOR_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC);
-        let depth = texture(gpu, "depth", size_px, DEPTH_FORMAT, Use::RENDER_ATTACHMENT);
+        let depth = texture(gpu, "depth", size_px, DEPTH_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC);
         let ids = (attachments == Attachments::ColorAndIds)
-            .then(|| texture(gpu, "object ids", size_px, IDS_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC));
+            .then(|| texture(gpu, "leaf ids", size_px, IDS_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC));
         let uniform = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("view"),
             size: size_of::<ViewUniform>() as u64,
@@ -83,6 +87,8 @@ impl Target {
             color_view: view_of(&color),
             color,
             depth_view: view_of(&depth),
+            depth,
+            first: None,
             ids: ids.map(|ids| (ids.clone(), view_of(&ids))),
             shown: None,
             uniform,
@@ -136,7 +142,7 @@ impl Target {
     }
 }
 
-fn texture(
+pub(super) fn texture(
     gpu: &Gpu,
     label: &str,
     [width, height]: [u32; 2],
@@ -155,6 +161,6 @@ fn texture(
     })
 }
 
-fn view_of(texture: &wgpu::Texture) -> wgpu::TextureView {
+pub(super) fn view_of(texture: &wgpu::Texture) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }

@@ -115,7 +115,8 @@ fn faults_are_errors() {
     }
     let mut renderer = open([10, 8]).expect("a renderer");
     let projection = Look::ahead(DVec3::ZERO, [10, 8]).projection();
-    let pass = PassPlan { view: ViewId(5), projection, opaque: scene.all(), blended: vec![], boxes: vec![], missing: 0 };
+    let pass =
+        PassPlan { view: ViewId(5), projection, opaque: scene.all(), first: None, blended: vec![], boxes: vec![], missing: 0 };
     let plan = FramePlan { passes: vec![pass.clone()] };
     assert_eq!(renderer.draw(&plan), Err(GpuError::UnknownView(5)));
     // Leaves past the table, or not resident, are skipped.

@@ -7,7 +7,7 @@ use mullion_client::gpu::Gpu;
 use mullion_common::scene::Material;
 use mullion_common::visible_set::VisibleSet;
 
-use crate::fixture::{Look, Numbers, Scene, clutter, draw, gpu, pattern, plain, rectangle, renderer};
+use crate::fixture::{Look, Numbers, Scene, clutter, coinciding_sheets, draw, gpu, pattern, plain, rectangle, renderer};
 
 /// A far off-axis look somewhere among the boxes.
 fn random_look(numbers: &mut Numbers) -> Look {
@@ -50,29 +50,6 @@ fn add_ground(scene: &mut Scene) {
     let lie_down = DAffine3::from_rotation_translation(DQuat::from_rotation_x(-1.6), DVec3::new(0.0, -3.0, 0.0));
     let (object, mesh) = (scene.object(lie_down), scene.mesh(&ground));
     scene.leaf(object, mesh, material);
-}
-
-/// Faces given twice: each sheet coincides with another object's, of another size, turned in its plane and elsewhere in
-/// its own space, as parts of real models do.
-fn coinciding_sheets(count: u32) -> Scene {
-    let mut scene = Scene::default();
-    let mut numbers = Numbers(5);
-    let one = scene.mesh(&rectangle([-2.0, -1.0], [2.0, 3.0]));
-    let other = scene.mesh(&rectangle([37.0, -52.0], [42.0, -48.0]));
-    for _ in 0..count {
-        let turn = DQuat::from_scaled_axis(numbers.vector(-2.5, 2.5));
-        let place = DAffine3::from_rotation_translation(turn, numbers.vector(-12.0, 12.0));
-        let within = DAffine3::from_translation(DVec3::new(-40.0, 50.0, 0.0));
-        let turned = DAffine3::from_rotation_z(numbers.between(0.0, 6.0));
-        for (mesh, transform) in [(one, place), (other, place * turned * within)] {
-            let shade = |numbers: &mut Numbers| numbers.between(0.1, 1.0) as f32;
-            let base_color = [shade(&mut numbers), shade(&mut numbers), shade(&mut numbers), 1.0];
-            let material = scene.material(Material { double_sided: true, ..plain(base_color) });
-            let object = scene.object(transform);
-            scene.leaf(object, mesh, material);
-        }
-    }
-    scene
 }
 
 #[test]

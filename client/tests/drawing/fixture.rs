@@ -95,6 +95,23 @@ impl Scene {
         self.manifest.leaves.len() as u32 - 1
     }
 
+    /// Takes all that another scene has.
+    pub fn join(&mut self, other: &Self) {
+        let numbers =
+            [self.manifest.transforms.len(), self.chunks.len(), self.manifest.materials.len()].map(|count| count as u32);
+        let [objects, chunks, materials] = numbers;
+        self.manifest.transforms.extend_from_slice(&other.manifest.transforms);
+        self.manifest.chunks.extend_from_slice(&other.manifest.chunks);
+        self.chunks.extend(other.chunks.iter().cloned());
+        self.manifest.materials.extend(other.manifest.materials.iter().cloned());
+        self.manifest.leaves.extend(other.manifest.leaves.iter().map(|leaf| LeafRecord {
+            object: ObjectId(leaf.object.0 + objects),
+            chunk: ChunkId(leaf.chunk.0 + chunks),
+            material: MaterialId(leaf.material.0 + materials),
+            ..*leaf
+        }));
+    }
+
     pub fn all(&self) -> VisibleSet {
         VisibleSet::all(self.manifest.leaves.len() as u32)
     }
@@ -188,6 +205,29 @@ pub fn clutter(count: u32) -> Scene {
         let turn = DQuat::from_scaled_axis(numbers.vector(-2.0, 2.0));
         let object = scene.object(DAffine3::from_scale_rotation_translation(scale, turn, numbers.vector(-12.0, 12.0)));
         scene.leaf(object, mesh, materials[i as usize % materials.len()]);
+    }
+    scene
+}
+
+/// Faces given twice: each sheet coincides with another object's, of another size, turned in its plane and elsewhere in
+/// its own space, as parts of real models do.
+pub fn coinciding_sheets(count: u32) -> Scene {
+    let mut scene = Scene::default();
+    let mut numbers = Numbers(5);
+    let one = scene.mesh(&rectangle([-2.0, -1.0], [2.0, 3.0]));
+    let other = scene.mesh(&rectangle([37.0, -52.0], [42.0, -48.0]));
+    for _ in 0..count {
+        let turn = DQuat::from_scaled_axis(numbers.vector(-2.5, 2.5));
+        let place = DAffine3::from_rotation_translation(turn, numbers.vector(-12.0, 12.0));
+        let within = DAffine3::from_translation(DVec3::new(-40.0, 50.0, 0.0));
+        let turned = DAffine3::from_rotation_z(numbers.between(0.0, 6.0));
+        for (mesh, transform) in [(one, place), (other, place * turned * within)] {
+            let shade = |numbers: &mut Numbers| numbers.between(0.1, 1.0) as f32;
+            let base_color = [shade(&mut numbers), shade(&mut numbers), shade(&mut numbers), 1.0];
+            let material = scene.material(Material { double_sided: true, ..plain(base_color) });
+            let object = scene.object(transform);
+            scene.leaf(object, mesh, material);
+        }
     }
     scene
 }

@@ -5,3 +5,4 @@ mod chunks;
 mod culling;
 mod fixture;
 mod looks;
+mod occlusion;

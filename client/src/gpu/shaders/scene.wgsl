@@ -1,4 +1,4 @@
-// Leaves: base colour, light by the geometric normal, object ids.
+// Leaves: base colour, light by the geometric normal, leaf ids.
 //
 // What a fragment gets depends on its triangle, its pixel and its view alone, and along a wall's seams both sides
 // must come to the same values. Everything that takes derivatives therefore takes them of quantities that are
@@ -30,6 +30,9 @@ struct Material {
 @group(0) @binding(2) var<storage, read> materials: array<Material>;
 @group(1) @binding(0) var base_color_texture: texture_2d<f32>;
 @group(1) @binding(1) var base_color_sampler: sampler;
+// Of what was drawn in the first turn, for those of the late one: depth, and leaves plus one.
+@group(2) @binding(0) var first_depth: texture_depth_2d;
+@group(2) @binding(1) var first_ids: texture_2d<u32>;
 
 const AMBIENT: f32 = 0.25;
 const SUN: f32 = 0.45;
@@ -42,7 +45,7 @@ struct Vertex {
     @location(0) position: vec3f,
     @location(1) uv: vec2f,
     @location(2) color: vec4f,
-    // Per leaf: index in clip_from_local, index in materials, object id.
+    // Per leaf: index in clip_from_local, index in materials, number.
     @location(3) leaf: vec3u,
 }
 
@@ -51,13 +54,13 @@ struct Fragment {
     // Texture coordinates and w of the clip position.
     @location(0) uv_w: vec3f,
     @location(1) color: vec4f,
-    // Index in materials, object id.
+    // Index in materials, leaf.
     @location(2) @interpolate(flat) leaf: vec2u,
 }
 
 struct Pixel {
     @location(0) color: vec4f,
-    @location(1) object: u32,
+    @location(1) id: u32,
     @builtin(frag_depth) depth: f32,
 }
 
@@ -115,21 +118,52 @@ fn rounded_depth(in: Fragment) -> f32 {
 
 // The lines of this form are replaced where the GPU lets a shader promise that it only moves depth away: then it may
 // still drop hidden fragments before they are shaded.
-// EARLY_DEPTH
-@fragment
-fn opaque(in: Fragment) -> Pixel {
+fn opaque_pixel(in: Fragment) -> Pixel {
     return Pixel(vec4f(base_color(in).rgb * light(in), 1.0), in.leaf.y + 1u, rounded_depth(in));
 }
 
-// EARLY_DEPTH
-@fragment
-fn masked(in: Fragment) -> Pixel {
+fn masked_pixel(in: Fragment) -> Pixel {
     let color = base_color(in);
     let lit = color.rgb * light(in);
     if color.a < materials[in.leaf.x].alpha_cutoff {
         discard;
     }
     return Pixel(vec4f(lit, 1.0), in.leaf.y + 1u, rounded_depth(in));
+}
+
+// EARLY_DEPTH
+@fragment
+fn opaque(in: Fragment) -> Pixel {
+    return opaque_pixel(in);
+}
+
+// EARLY_DEPTH
+@fragment
+fn masked(in: Fragment) -> Pixel {
+    return masked_pixel(in);
+}
+
+// A fragment as near as what was drawn first loses to it, unless it is of an earlier leaf: then its depth is the next one, which rounding
+// leaves free.
+fn late_depth(in: Fragment, depth: f32) -> f32 {
+    let at = vec2i(in.position.xy);
+    let wins = in.leaf.y + 1u < textureLoad(first_ids, at, 0).x;
+    let ties = depth == textureLoad(first_depth, at, 0);
+    return select(depth, bitcast<f32>(bitcast<u32>(depth) + 1u), ties && wins);
+}
+
+@fragment
+fn opaque_late(in: Fragment) -> Pixel {
+    var pixel = opaque_pixel(in);
+    pixel.depth = late_depth(in, pixel.depth);
+    return pixel;
+}
+
+@fragment
+fn masked_late(in: Fragment) -> Pixel {
+    var pixel = masked_pixel(in);
+    pixel.depth = late_depth(in, pixel.depth);
+    return pixel;
 }
 
 // EARLY_DEPTH

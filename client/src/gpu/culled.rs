@@ -1,0 +1,155 @@
+//! A pass with occlusion culling: what was planned to be first is drawn, then what is seen beyond it. Every pixel is as without.
+
+use mullion_common::visible_set::{LeafRange, VisibleSet};
+
+use super::device::GpuError;
+use super::occlusion::{BoxTester, Extent, First, Grower, LocalScale, TestBox};
+use super::pipelines::Turn;
+use super::renderer::{Load, Renderer};
+use crate::frame::{PassPlan, PassResult};
+
+/// What a renderer keeps for it.
+#[derive(Default)]
+pub(super) struct Culling {
+    /// Looked for when a plan first wants it.
+    tester: Option<Tester>,
+    /// Opaque leaves that wait.
+    late: VisibleSet,
+    boxes: Vec<TestBox>,
+    seen: Vec<u32>,
+}
+
+enum Tester {
+    There(BoxTester),
+    /// The GPU cannot.
+    Missing,
+}
+
+/// A draw whose box was tested, or need not be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tested {
+    leaf: u32,
+    triangles: u32,
+    is_late: bool,
+    /// Whatever the GPU says of its box.
+    is_seen: bool,
+}
+
+impl Renderer {
+    /// Whether a target can be drawn with occlusion culling: it has leaf ids, and the GPU can test boxes.
+    pub(super) fn can_cull(&mut self, at: usize) -> bool {
+        if self.targets[at].ids.is_none() {
+            return false;
+        }
+        let tester = self.culling.tester.get_or_insert_with(|| match BoxTester::new(&self.gpu) {
+            Some(tester) => {
+                self.pipelines.add_late(&self.gpu, &tester.first_layout);
+                Tester::There(tester)
+            }
+            None => Tester::Missing,
+        });
+        if let Tester::There(tester) = tester {
+            let target = &mut self.targets[at];
+            target.first.get_or_insert_with(|| First::new(&self.gpu, tester, target.size_px));
+        }
+        matches!(tester, Tester::There(_))
+    }
+
+    /// Draws one pass of a target that [`Renderer::can_cull`]. All that is listed counts as drawn until [`Renderer::note_seen`].
+    pub(super) fn draw_culled(&mut self, at: usize, pass: &PassPlan, first: &VisibleSet) -> Result<PassResult, GpuError> {
+        let (late_draws, late_batches) = self.list_turns(pass, first);
+        let boxes = self.list_boxes_to_test(at, pass, late_draws);
+        self.buffers.write(&self.gpu, &self.list)?;
+        let extent = Extent { boxes: boxes.len() as u32, draws: self.list.arguments.len() as u32 };
+        let target = &mut self.targets[at];
+        target.write_uniform(&self.gpu, &pass.projection);
+        let records = &self.buffers.records;
+        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer), &self.materials.buffer);
+        if let Some(first) = &mut target.first {
+            first.write(&self.gpu, &boxes, extent.draws)?;
+        }
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
+        let target = &self.targets[at];
+        self.encode(target, &mut encoder, Load::Clear, 0..late_batches);
+        if let (Some(Tester::There(tester)), Some(first), Some((ids, _))) = (&self.culling.tester, &target.first, &target.ids) {
+            first.keep(&mut encoder, &target.depth, ids);
+            let buffers = (&self.buffers.records.buffer, &self.buffers.arguments.buffer);
+            tester.encode(&self.gpu, &mut encoder, (&target.color_view, first), buffers, extent);
+        }
+        self.encode(target, &mut encoder, Load::Keep, late_batches..self.list.batches.len());
+        self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
+        self.culling.boxes = boxes;
+        Ok(self.result(pass))
+    }
+
+    /// Waits until a target is drawn, takes what was not from its result, and tells what is seen.
+    pub(super) fn note_seen(&mut self, at: usize, result: &mut PassResult) -> Result<(), GpuError> {
+        let Some(first) = &mut self.targets[at].first else { return Ok(()) };
+        first.read_seen(&self.gpu, &mut self.culling.seen)?;
+        let mut seen = result.seen.take().unwrap_or_default();
+        seen.clear();
+        for (tested, word) in first.tested.iter().zip(&self.culling.seen) {
+            let Some(tested) = tested else { continue };
+            if tested.is_seen || *word != 0 {
+                seen.push_unordered(LeafRange::new(tested.leaf, tested.leaf + 1));
+            } else if tested.is_late {
+                result.leaves -= 1;
+                result.triangles -= u64::from(tested.triangles);
+            }
+        }
+        seen.normalize();
+        result.seen = Some(seen);
+        Ok(())
+    }
+
+    /// Fills the draw list. Gives the draw and the batch with which the late turn begins.
+    fn list_turns(&mut self, pass: &PassPlan, first: &VisibleSet) -> (u32, usize) {
+        let mut late = std::mem::take(&mut self.culling.late);
+        pass.opaque.difference_into(first, &mut late);
+        self.list.clear();
+        self.pass += 1;
+        self.list_leaves(pass, first.leaves(), Turn::First);
+        self.list.part();
+        let begin = (self.list.arguments.len() as u32, self.list.batches.len());
+        self.list_leaves(pass, late.leaves(), Turn::Late);
+        self.list_boxes(pass);
+        self.list_leaves(pass, pass.blended.iter().copied(), Turn::Late);
+        self.culling.late = late;
+        begin
+    }
+
+    /// The boxes of all that is listed; draws that wait for what comes of theirs are held back. Boxes in the place of leaves are drawn
+    /// whatever hides them.
+    fn list_boxes_to_test(&mut self, at: usize, pass: &PassPlan, late_draws: u32) -> Vec<TestBox> {
+        let target = &mut self.targets[at];
+        let grower = Grower::new(&pass.projection, target.size_px);
+        let mut boxes = std::mem::take(&mut self.culling.boxes);
+        boxes.clear();
+        let Some(first) = &mut target.first else { return boxes };
+        first.tested.clear();
+        let mut scale: Option<(u32, LocalScale)> = None;
+        let draws = (0..).zip(self.list.instances.iter().zip(&mut self.list.arguments));
+        for (draw, (instance, arguments)) in draws {
+            if self.list.stand_ins.contains(&draw) {
+                first.tested.push(None);
+                continue;
+            }
+            let leaf = &self.manifest.leaves[instance.leaf as usize];
+            let object = leaf.object.0 as usize;
+            let (_, scale) = match scale {
+                Some(known) if known.0 == leaf.object.0 => known,
+                _ => *scale.insert((leaf.object.0, LocalScale::of(&self.transforms[object].affine()))),
+            };
+            let clip_from_local = glam::Mat4::from_cols_array(&self.list.records[instance.record as usize]);
+            let is_late = draw >= late_draws;
+            let grown = grower.test(&leaf.local_aabb(), &clip_from_local, &scale);
+            if let Some(grown) = grown {
+                boxes.push(TestBox::new(grown, instance.record, draw, self.mirrored[object], is_late));
+                arguments.instance_count = u32::from(!is_late);
+            }
+            let triangles = arguments.index_count / 3;
+            first.tested.push(Some(Tested { leaf: instance.leaf, triangles, is_late, is_seen: grown.is_none() }));
+        }
+        boxes
+    }
+}

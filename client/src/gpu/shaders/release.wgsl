@@ -1,0 +1,29 @@
+// Lets those draws through that waited and are seen.
+
+struct Box {
+    min: vec3f,
+    record: u32,
+    max: vec3f,
+    draw: u32,
+    is_mirrored: u32,
+    is_late: u32,
+    unused: vec2u,
+}
+
+// index_count, instance_count, first_index, base_vertex, first_instance
+const WORDS: u32 = 5u;
+
+@group(0) @binding(0) var<storage, read> boxes: array<Box>;
+@group(0) @binding(1) var<storage, read> is_seen: array<u32>;
+@group(0) @binding(2) var<storage, read_write> arguments: array<u32>;
+
+@compute @workgroup_size(64)
+fn release(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= arrayLength(&boxes) {
+        return;
+    }
+    let tested = boxes[id.x];
+    if tested.is_late != 0u {
+        arguments[tested.draw * WORDS + 1u] = is_seen[tested.draw];
+    }
+}

@@ -1,0 +1,208 @@
+//! Occlusion culling changes no pixel, whatever is drawn first, and leaves out what is hidden.
+//! Method: the same frames with and without, along paths, with objects that move, faces that coincide, and any choice of what is first.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec3};
+use mullion_client::frame::{FrameInput, FramePlan, PassResult, Planner, ViewInput};
+use mullion_client::gpu::{Gpu, Renderer};
+use mullion_client::missing::WhenMissing;
+use mullion_client::occlusion::Occlusion;
+use mullion_common::scene::{AlphaMode, Material, ObjectId};
+use mullion_common::visible_set::{LeafRange, VisibleSet};
+use mullion_common::wall::ViewId;
+
+use crate::fixture::{Look, Numbers, Scene, asymmetric_box, clutter, coinciding_sheets, gpu, plain, rectangle, renderer};
+
+const SIZE_PX: [u32; 2] = [143, 91];
+
+/// Clutter in rooms: walls of a lattice, through which some of it sticks, and faces given twice.
+fn rooms() -> Scene {
+    let mut scene = clutter(400);
+    let wall = scene.mesh(&rectangle([-20.0, -20.0], [20.0, 20.0]));
+    let paint = scene.material(Material { double_sided: true, ..plain([0.7, 0.6, 0.5, 1.0]) });
+    for k in -2..=2 {
+        for turn in [DQuat::IDENTITY, DQuat::from_rotation_y(1.57), DQuat::from_rotation_x(1.57)] {
+            let place = turn * DVec3::new(0.0, 0.0, f64::from(k) * 7.0);
+            let object = scene.object(DAffine3::from_rotation_translation(turn, place));
+            scene.leaf(object, wall, paint);
+        }
+    }
+    scene.join(&coinciding_sheets(40));
+    scene
+}
+
+/// A look that turns and walks from frame to frame, and jumps now and then.
+fn walk(numbers: &mut Numbers, frame: u32, at: &mut (DVec3, DQuat)) -> Look {
+    if frame.is_multiple_of(9) {
+        *at = (numbers.vector(-6.0, 6.0), DQuat::from_scaled_axis(numbers.vector(-2.5, 2.5)));
+    }
+    at.0 += at.1 * DVec3::new(0.02, 0.01, -0.15);
+    at.1 *= DQuat::from_rotation_y(0.03);
+    let corner = |x: f64, y: f64| at.0 + at.1 * DVec3::new(x, y, -1.0);
+    Look { eye: at.0, corners: [corner(-0.9, -0.6), corner(0.8, -0.6), corner(-0.9, 0.5)], size_px: SIZE_PX }
+}
+
+fn input<'a>(
+    renderer: &'a Renderer,
+    scene: &'a Scene,
+    look: &Look,
+    views: &'a [ViewInput<'a>],
+    resident: &'a dyn Fn(mullion_common::scene::ChunkId) -> bool,
+) -> FrameInput<'a> {
+    let when_missing = WhenMissing::Box;
+    FrameInput {
+        views,
+        shared_eye: look.eye,
+        manifest: &scene.manifest,
+        transforms: renderer.transforms(),
+        resident,
+        when_missing,
+    }
+}
+
+/// Draws one frame of what a planner plans, or of what becomes of its plan.
+fn draw_with(
+    planner: &mut Planner,
+    renderer: &mut Renderer,
+    (scene, look, visible, missing): (&Scene, &Look, &VisibleSet, &VisibleSet),
+    change: impl FnOnce(&mut FramePlan),
+) -> PassResult {
+    let views = [ViewInput { view: ViewId(4), projection: look.projection(), visible, missing }];
+    let mut plan = planner.begin(input(renderer, scene, look, &views, &|_| true)).clone();
+    change(&mut plan);
+    let results = renderer.draw(&plan).expect("drawn");
+    assert!(planner.feed(&results).is_none());
+    results.passes[0].clone()
+}
+
+fn assert_same(a: &Renderer, b: &Renderer, what: &str) {
+    let view = ViewId(4);
+    let ids = |renderer: &Renderer| renderer.read_ids(view).expect("read");
+    let color = |renderer: &Renderer| renderer.read_color(view).expect("read");
+    let differing = ids(a).iter().zip(ids(b)).filter(|(a, b)| **a != *b).count();
+    assert_eq!(differing, 0, "{what}: so many pixels show another object");
+    let (a, b) = (color(a), color(b));
+    let differing: Vec<_> = a.enumerate_pixels().zip(b.pixels()).filter(|((.., a), b)| a != b).collect();
+    assert!(differing.is_empty(), "{what}: {} pixels differ, as {:?}", differing.len(), &differing[..differing.len().min(4)]);
+}
+
+fn both(gpu: &Arc<Gpu>, scene: &Scene) -> (Renderer, Renderer) {
+    (renderer(gpu, scene, SIZE_PX), renderer(gpu, scene, SIZE_PX))
+}
+
+#[test]
+fn no_pixel_changes_along_a_path_while_objects_move() {
+    let Some(gpu) = gpu() else { return };
+    let scene = rooms();
+    let (mut plain, mut culled) = both(&gpu, &scene);
+    let (mut all, mut some) = (Planner::new(), Planner::new().culling(Occlusion::TwoPass));
+    let mut numbers = Numbers(3);
+    let mut at = (DVec3::ZERO, DQuat::IDENTITY);
+    let (mut leaves, mut hidden, mut late) = (0, 0, 0);
+    for frame in 0..45 {
+        let look = walk(&mut numbers, frame, &mut at);
+        let objects = scene.manifest.transforms.len() as u32;
+        for _ in 0..20 {
+            let object = ObjectId(numbers.next() % objects);
+            let moved = DAffine3::from_translation(numbers.vector(-0.5, 0.5)) * plain.transforms()[object.0 as usize].affine();
+            [&mut plain, &mut culled].into_iter().for_each(|renderer| renderer.set_transform(object, moved.into()));
+        }
+        let visible = scene.all();
+        // Some leaves have not come: boxes stand in for them.
+        let missing = VisibleSet::from_ranges([LeafRange::new(frame * 5, frame * 5 + 4)]);
+        let parts = (&scene, &look, &visible, &missing);
+        let of_all = draw_with(&mut all, &mut plain, parts, |_| {});
+        let mut first = 0;
+        let of_some =
+            draw_with(&mut some, &mut culled, parts, |plan| first = plan.passes[0].first.as_ref().expect("culling").len());
+        assert_same(&plain, &culled, &format!("frame {frame}"));
+        let seen = of_some.seen.expect("culling");
+        assert_eq!((of_all.boxes, of_all.seen), (of_some.boxes, None));
+        assert!(of_some.leaves >= seen.len() && of_some.leaves <= of_all.leaves);
+        leaves += of_all.leaves;
+        hidden += of_all.leaves - of_some.leaves;
+        late += of_some.leaves.saturating_sub(first);
+    }
+    println!("{leaves} leaves, {hidden} of them left out, {late} drawn late");
+    assert!(hidden * 4 > leaves && late > 1000, "{hidden} of {leaves} were left out, {late} drawn late");
+}
+
+#[test]
+fn no_pixel_changes_whatever_is_drawn_first() {
+    let Some(gpu) = gpu() else { return };
+    let scene = rooms();
+    let (mut plain, mut culled) = both(&gpu, &scene);
+    let mut numbers = Numbers(4);
+    let mut at = (DVec3::ZERO, DQuat::IDENTITY);
+    for frame in 0..24 {
+        let look = walk(&mut numbers, frame * 9, &mut at);
+        let (visible, missing) = (scene.all(), VisibleSet::default());
+        let parts = (&scene, &look, &visible, &missing);
+        draw_with(&mut Planner::new(), &mut plain, parts, |_| {});
+        let of = 1 + numbers.next() % 5;
+        draw_with(&mut Planner::new().culling(Occlusion::TwoPass), &mut culled, parts, |plan| {
+            let pass = &mut plan.passes[0];
+            let chosen = pass.opaque.leaves().filter(|_| numbers.next().is_multiple_of(of));
+            pass.first = Some(VisibleSet::from_ranges(chosen.map(|leaf| LeafRange::new(leaf, leaf + 1))));
+        });
+        assert_same(&plain, &culled, &format!("look {frame}"));
+    }
+}
+
+#[test]
+fn of_coplanar_faces_the_first_leaf_is_seen_in_whichever_turn() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::default();
+    let mesh = scene.mesh(&rectangle([-1.0, -1.0], [1.0, 1.0]));
+    for shade in [0.2, 0.5, 0.9] {
+        let material = scene.material(plain([shade, shade, shade, 1.0]));
+        let object = scene.object(DAffine3::from_translation(DVec3::new(0.0, 0.0, -3.0)));
+        scene.leaf(object, mesh, material);
+    }
+    let look = Look::ahead(DVec3::ZERO, SIZE_PX);
+    let mut culled = renderer(&gpu, &scene, SIZE_PX);
+    for first in [vec![], vec![0], vec![1], vec![2], vec![0, 2], vec![1, 2], vec![0, 1, 2]] {
+        let parts = (&scene, &look, &scene.all(), &VisibleSet::default());
+        let result = draw_with(&mut Planner::new().culling(Occlusion::TwoPass), &mut culled, parts, |plan| {
+            plan.passes[0].first = Some(VisibleSet::from_ranges(first.iter().map(|leaf| LeafRange::new(*leaf, leaf + 1))));
+        });
+        let ids = culled.read_ids(ViewId(4)).expect("read");
+        assert!(ids.contains(&1) && !ids.contains(&2) && !ids.contains(&3), "{first:?}");
+        assert_eq!(result.seen, Some(scene.all()), "as near as what hides it: {first:?}");
+    }
+}
+
+#[test]
+fn what_a_wall_hides_is_left_out_from_the_second_frame_on_and_is_back_at_once() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::default();
+    let (wall, mesh) = (scene.mesh(&rectangle([-30.0, -30.0], [30.0, 30.0])), scene.mesh(&asymmetric_box()));
+    let [solid, glass] = [AlphaMode::Opaque, AlphaMode::Blend].map(|alpha| Material { alpha, ..plain([0.5; 4]) });
+    let (solid, glass) = (scene.material(solid), scene.material(glass));
+    let in_front = scene.object(DAffine3::from_translation(DVec3::new(0.0, 0.0, -5.0)));
+    scene.leaf(in_front, wall, solid);
+    for k in 0..40 {
+        let place = DVec3::new(f64::from(k % 8) - 4.0, f64::from(k / 8) - 2.5, -20.0);
+        let object = scene.object(DAffine3::from_translation(place));
+        scene.leaf(object, mesh, if k % 4 == 0 { glass } else { solid });
+    }
+    let around_the_eye = scene.object(DAffine3::from_translation(DVec3::splat(-0.5)));
+    scene.leaf(around_the_eye, mesh, solid);
+    let look = Look::ahead(DVec3::ZERO, SIZE_PX);
+    let (mut plain, mut culled) = both(&gpu, &scene);
+    let mut planner = Planner::new().culling(Occlusion::TwoPass);
+    let mut frame = |plain: &mut Renderer, culled: &mut Renderer| {
+        let parts = (&scene, &look, &scene.all(), &VisibleSet::default());
+        draw_with(&mut Planner::new(), plain, parts, |_| {});
+        let result = draw_with(&mut planner, culled, parts, |_| {});
+        assert_same(plain, culled, "with a wall");
+        result.leaves
+    };
+    // The glass waits even in the first frame.
+    let drawn: Vec<u32> = (0..3).map(|_| frame(&mut plain, &mut culled)).collect();
+    assert_eq!(drawn, [32, 2, 2], "the wall, and what is around the eye");
+    let aside = DAffine3::from_translation(DVec3::new(0.0, 500.0, -5.0));
+    [&mut plain, &mut culled].into_iter().for_each(|renderer| renderer.set_transform(in_front, aside.into()));
+    assert_eq!(frame(&mut plain, &mut culled), 42, "nothing is hidden, also in the first frame");
+}
