@@ -32,10 +32,18 @@ impl Renderer {
     /// # Errors
     /// When the view is not this renderer's or has no ids, or the GPU fails.
     pub fn read_ids(&self, view: ViewId) -> Result<Vec<u32>, GpuError> {
+        let object = |leaf: u32| self.manifest.leaves[leaf as usize].object.0 + 1;
+        let leaves = self.read_leaves(view)?;
+        Ok(leaves.into_iter().map(|id| id.checked_sub(1).map_or(0, object)).collect())
+    }
+
+    /// The same of leaves.
+    ///
+    /// # Errors
+    /// As [`Renderer::read_ids`].
+    pub fn read_leaves(&self, view: ViewId) -> Result<Vec<u32>, GpuError> {
         let (ids, _) = self.target(view)?.ids.as_ref().ok_or(GpuError::NoIds)?;
-        let leaves: Vec<u32> = bytemuck::pod_collect_to_vec(&read_texture(&self.gpu, ids)?);
-        let object = |id: u32| id.checked_sub(1).map_or(0, |leaf| self.manifest.leaves[leaf as usize].object.0 + 1);
-        Ok(leaves.into_iter().map(object).collect())
+        Ok(bytemuck::pod_collect_to_vec(&read_texture(&self.gpu, ids)?))
     }
 
     fn target(&self, view: ViewId) -> Result<&Target, GpuError> {

@@ -5,6 +5,7 @@ mod figures;
 mod machine;
 mod measure;
 mod moving;
+mod occlusion;
 mod table;
 
 use anyhow::Result;
@@ -20,11 +21,14 @@ pub struct Options {
 enum What {
     /// Cull times of all algorithms on the same frames, beside each other.
     Cull(cull::Options),
+    /// Occlusion culling beside frustum culling alone, on the same frames.
+    Occlusion(occlusion::Options),
 }
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     match &options.what {
         What::Cull(options) => cull::run(options),
+        What::Occlusion(options) => occlusion::run(options),
     }
 }
