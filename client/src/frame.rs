@@ -57,6 +57,9 @@ pub struct PassPlan {
     /// With occlusion culling those of `opaque` that are drawn at once. The others, and blended ones, are drawn where their boxes are seen
     /// beyond these.
     pub first: Option<VisibleSet>,
+    /// Which of `first` are tested whether they are still seen: those whose number leaves `turn` when divided by `every`. The others
+    /// count as seen.
+    pub retest: Retest,
     /// Blended leaves, drawn in this order: back to front, ties by leaf.
     pub blended: Vec<u32>,
     /// Leaves drawn as boxes, whatever their material: opaque, after all that is opaque and before all that is blended. Ascending.
@@ -64,6 +67,29 @@ pub struct PassPlan {
     /// Leaves left out: not all of their chunks are there, and no box is drawn for them.
     pub missing: u32,
 }
+
+/// Some leaves, evenly chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Retest {
+    /// 1: all of them.
+    pub every: u32,
+    /// Less than `every`.
+    pub turn: u32,
+}
+
+impl Retest {
+    /// All leaves.
+    pub const ALL: Self = Self { every: 1, turn: 0 };
+
+    /// Whether a leaf is among them.
+    pub fn takes(self, leaf: u32) -> bool {
+        leaf % self.every == self.turn
+    }
+}
+
+/// Frames in which every leaf that is seen is tested once: its box is drawn over most of what it covers itself, and what became hidden may be
+/// drawn that much longer.
+const RETEST_FRAMES: u32 = 4;
 
 /// What came of a plan.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -99,6 +125,7 @@ pub struct Planner {
     occlusion: Occlusion,
     /// What was seen of each view in the last frame, with occlusion culling.
     seen: Vec<(ViewId, VisibleSet)>,
+    frames: u32,
 }
 
 impl Planner {
@@ -116,6 +143,7 @@ impl Planner {
     /// Starts a frame and returns its first round. A frame that was not complete is dropped.
     pub fn begin(&mut self, input: FrameInput<'_>) -> &FramePlan {
         self.spare_passes.append(&mut self.plan.passes);
+        self.frames = self.frames.wrapping_add(1);
         for view in input.views {
             let pass = self.plan_pass(&input, view);
             self.plan.passes.push(pass);
@@ -172,6 +200,8 @@ impl Planner {
                 Some(seen) => pass.opaque.intersection_into(seen, &mut first),
                 None => first.clone_from(&pass.opaque),
             }
+            let in_turn = Retest { every: RETEST_FRAMES, turn: self.frames % RETEST_FRAMES };
+            pass.retest = seen.map_or(Retest::ALL, |_| in_turn);
             pass.first = Some(first);
         }
         pass
@@ -182,7 +212,7 @@ impl PassPlan {
     fn empty(view: &ViewInput<'_>) -> Self {
         let (view, projection) = (view.view, view.projection);
         let opaque = VisibleSet::default();
-        Self { view, projection, opaque, first: None, blended: Vec::new(), boxes: Vec::new(), missing: 0 }
+        Self { view, projection, opaque, first: None, retest: Retest::ALL, blended: Vec::new(), boxes: Vec::new(), missing: 0 }
     }
 }
 

@@ -142,7 +142,8 @@ impl Renderer {
             };
             let clip_from_local = glam::Mat4::from_cols_array(&self.list.records[instance.record as usize]);
             let is_late = draw >= late_draws;
-            let grown = grower.test(&leaf.local_aabb(), &clip_from_local, &scale);
+            let is_tested = is_late || pass.retest.takes(instance.leaf);
+            let grown = is_tested.then(|| grower.test(&leaf.local_aabb(), &clip_from_local, &scale)).flatten();
             if let Some(grown) = grown {
                 boxes.push(TestBox::new(grown, instance.record, draw, self.mirrored[object], is_late));
                 arguments.instance_count = u32::from(!is_late);

@@ -205,4 +205,8 @@ fn what_a_wall_hides_is_left_out_from_the_second_frame_on_and_is_back_at_once() 
     let aside = DAffine3::from_translation(DVec3::new(0.0, 500.0, -5.0));
     [&mut plain, &mut culled].into_iter().for_each(|renderer| renderer.set_transform(in_front, aside.into()));
     assert_eq!(frame(&mut plain, &mut culled), 42, "nothing is hidden, also in the first frame");
+    let back = scene.manifest.transforms[in_front.0 as usize];
+    [&mut plain, &mut culled].into_iter().for_each(|renderer| renderer.set_transform(in_front, back));
+    let drawn: Vec<u32> = (0..6).map(|_| frame(&mut plain, &mut culled)).collect();
+    assert!(drawn.is_sorted_by(|a, b| a >= b) && drawn[1] > 2 && drawn[5] == 2, "each is asked once in a few frames: {drawn:?}");
 }
