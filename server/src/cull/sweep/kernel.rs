@@ -65,8 +65,8 @@ pub(super) trait Sink {
     fn emit(&mut self, leaves: LeafRange, cells: [u16; 4]);
     /// Leaves that one cell may see, in the same order.
     fn emit_to_cell(&mut self, leaves: LeafRange, column: u16, row: u16);
-    /// The same for several ranges, as [`VisibleSet::append_ranges`] takes them.
-    fn append_to_cell(&mut self, ranges: &[LeafRange], column: u16, row: u16);
+    /// The same for several ranges, starts and ends, as [`VisibleSet::append_pairs`] takes them.
+    fn append_to_cell(&mut self, ranges: &[[u32; 2]], column: u16, row: u16);
 }
 
 impl<S: Sink> Kernel for Sweep<'_, S> {
@@ -159,8 +159,8 @@ impl Sink for ToSets<'_> {
     }
 
     #[inline(always)]
-    fn append_to_cell(&mut self, ranges: &[LeafRange], column: u16, row: u16) {
-        self.sets[usize::from(self.lattice.view(column, row))].append_ranges(ranges);
+    fn append_to_cell(&mut self, ranges: &[[u32; 2]], column: u16, row: u16) {
+        self.sets[usize::from(self.lattice.view(column, row))].append_pairs(ranges);
     }
 }
 
@@ -194,7 +194,7 @@ impl Sink for ToVisits<'_> {
     }
 
     #[inline(always)]
-    fn append_to_cell(&mut self, ranges: &[LeafRange], column: u16, row: u16) {
-        ranges.iter().for_each(|leaves| self.emit_to_cell(*leaves, column, row));
+    fn append_to_cell(&mut self, ranges: &[[u32; 2]], column: u16, row: u16) {
+        ranges.iter().for_each(|[start, end]| self.emit_to_cell(LeafRange::new(*start, *end), column, row));
     }
 }

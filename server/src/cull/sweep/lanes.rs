@@ -32,8 +32,13 @@ pub(super) trait Lanes: Copy {
     fn to_array(self, a: Self::Wide) -> [f32; 8];
     /// A bit for each word in which bit `bit` is set.
     fn with_bit(self, words: &[u32; 8], bit: u32) -> u8;
+    /// Writes the words whose bits are set side by side, in order, none greater than `most`; what comes behind them in `out` is
+    /// anything.
+    fn pack(self, words: &[u32; 8], most: u32, bits: u8, out: &mut [u32; 8]);
     /// Asks for the memory of something that is soon looked at.
     fn prefetch<T>(self, soon: &T);
+    /// The same for an element, or for nothing where there is none: a hint, which costs no branch.
+    fn prefetch_at<T>(self, list: &[T], at: usize);
 }
 
 /// What runs on lanes. Everything that it calls with them must be `#[inline(always)]`, and no closure may use them: what
@@ -122,7 +127,19 @@ impl Lanes for Plain {
     }
 
     #[inline(always)]
+    fn pack(self, words: &[u32; 8], most: u32, bits: u8, out: &mut [u32; 8]) {
+        let mut count = 0;
+        for (lane, word) in words.iter().enumerate() {
+            out[count % 8] = (*word).min(most);
+            count += usize::from(bits >> lane & 1);
+        }
+    }
+
+    #[inline(always)]
     fn prefetch<T>(self, _: &T) {}
+
+    #[inline(always)]
+    fn prefetch_at<T>(self, _: &[T], _: usize) {}
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -234,15 +251,48 @@ mod avx2 {
         }
 
         #[inline(always)]
+        fn pack(self, words: &[u32; 8], most: u32, bits: u8, out: &mut [u32; 8]) {
+            // SAFETY: as above; load and store touch eight words each, wherever they stand.
+            unsafe {
+                let words = _mm256_min_epu32(_mm256_loadu_si256(words.as_ptr().cast()), _mm256_set1_epi32(most.cast_signed()));
+                let order = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(PACKED[usize::from(bits)].cast_signed()));
+                _mm256_storeu_si256(out.as_mut_ptr().cast(), _mm256_permutevar8x32_epi32(words, order));
+            }
+        }
+
+        #[inline(always)]
         fn prefetch<T>(self, soon: &T) {
+            self.prefetch_at(std::slice::from_ref(soon), 0);
+        }
+
+        #[inline(always)]
+        fn prefetch_at<T>(self, list: &[T], at: usize) {
             const LINE: usize = 64;
-            let start = std::ptr::from_ref(soon).cast::<i8>();
+            let start = list.as_ptr().wrapping_add(at).cast::<i8>();
             for offset in (0..size_of::<T>()).step_by(LINE) {
-                // SAFETY: a hint, which reads nothing; the addresses lie in `soon`.
-                unsafe { _mm_prefetch::<_MM_HINT_T0>(start.add(offset)) }
+                // SAFETY: a hint, which reads nothing, whatever the address.
+                unsafe { _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(offset)) }
             }
         }
     }
+
+    /// Of each mask, its lanes in order, a byte each.
+    const PACKED: [u64; 256] = {
+        let mut packed = [0; 256];
+        let mut bits = 0;
+        while bits < 256 {
+            let (mut lane, mut count) = (0, 0);
+            while lane < 8 {
+                if bits >> lane & 1 != 0 {
+                    packed[bits] |= lane << (8 * count);
+                    count += 1;
+                }
+                lane += 1;
+            }
+            bits += 1;
+        }
+        packed
+    };
 }
 
 #[cfg(test)]
@@ -262,6 +312,11 @@ mod tests {
             let signed = l.widen_signed(&[0, 1, -1, 127, -127, -128, 64, -3]);
             let words = [0, 1 << 30, 1 << 31, u32::MAX, 7, 1 << 29, 3 << 30, 1];
             let mut bits: Vec<u32> = [0, 2, 30, 31].map(|bit| u32::from(l.with_bit(&words, bit))).to_vec();
+            for mask in 0..=255u8 {
+                let mut packed = [0; 8];
+                l.pack(&words, 3 << 30, mask, &mut packed);
+                bits.extend_from_slice(&packed[..mask.count_ones() as usize]);
+            }
             for a in numbers {
                 for b in numbers {
                     let (wide_a, wide_b) = (l.mul(l.splat(a), bytes), l.splat(b));

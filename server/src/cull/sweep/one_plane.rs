@@ -4,7 +4,6 @@
 //! masks. As in `narrow.rs`, little branches on a single lane.
 
 use glam::DVec3;
-use mullion_common::visible_set::LeafRange;
 
 use super::classify::{BOTTOM, Boxes, LEFT, LanePlane, LanePlanes, NEAR, RIGHT, TOP};
 use super::kernel::{Sink, Visit};
@@ -29,12 +28,12 @@ struct Rest {
 #[derive(Debug)]
 pub(super) struct Memory {
     stack: Vec<Rest>,
-    trails: [[LeafRange; CAPACITY]; 2],
+    trails: [Ends; 2],
 }
 
 impl Default for Memory {
     fn default() -> Self {
-        Self { stack: Vec::new(), trails: [[LeafRange::new(0, 0); CAPACITY]; 2] }
+        Self { stack: Vec::new(), trails: [[0; 2 * CAPACITY + LANES]; 2] }
     }
 }
 
@@ -94,9 +93,9 @@ pub(super) fn walk<L: Lanes>(
 ) {
     let plane = *one.plane;
     let [negative_cell, positive_cell] = one.cells;
-    let Memory { stack, trails: [negative_ranges, positive_ranges] } = memory;
-    let mut negative = Trail::new(visit.leaves.start, negative_ranges);
-    let mut positive = Trail::new(visit.leaves.start, positive_ranges);
+    let Memory { stack, trails: [negative_ends, positive_ends] } = memory;
+    let mut negative = Trail::new(visit.leaves.start, negative_ends);
+    let mut positive = Trail::new(visit.leaves.start, positive_ends);
     let (mut nodes, mut tests) = (0, 0);
     stack.clear();
     let (mut id, mut end) = (visit.node, visit.leaves.end);
@@ -127,11 +126,11 @@ pub(super) fn walk<L: Lanes>(
             let next = rest.open.trailing_zeros(); // 8 where there is none
             let now = ((1u32 << next) - 1) as u8;
             if negative_cell.is_some() {
-                negative.add(node, rest.end, rest.seen[0] & now);
+                negative.add(lanes, node, rest.end, rest.seen[0] & now);
                 negative.flush_if_full(negative_cell, sink);
             }
             if positive_cell.is_some() {
-                positive.add(node, rest.end, rest.seen[1] & now);
+                positive.add(lanes, node, rest.end, rest.seen[1] & now);
                 positive.flush_if_full(positive_cell, sink);
             }
             if rest.open != 0 {
@@ -163,71 +162,72 @@ pub(super) fn walk<L: Lanes>(
 /// Asks for the first of the lanes to be visited; where there is none, for some node or nothing.
 #[inline(always)]
 fn prefetch_first<L: Lanes>(lanes: L, tree: &WideTree, node: &WideNode, open: u8) {
-    if let Some(soon) = tree.nodes().get(node.child[open.trailing_zeros() as usize % LANES] as usize) {
-        lanes.prefetch(soon);
-    }
+    lanes.prefetch_at(tree.nodes(), node.child[open.trailing_zeros() as usize % LANES] as usize);
 }
 
 /// Most ranges on their way to one cell.
 const CAPACITY: usize = 64;
 
+/// Where ranges on their way to one cell begin and end, one after the other, and room for what a node adds.
+type Ends = [u32; 2 * CAPACITY + LANES];
+
 /// Ranges on their way to one cell.
 struct Trail<'a> {
-    /// The last range, which may still grow.
-    last: LeafRange,
-    /// How many come before it.
+    /// How many numbers there are: two a range, the last of which may still grow.
     len: usize,
-    ranges: &'a mut [LeafRange; CAPACITY],
+    ends: &'a mut Ends,
 }
 
 impl<'a> Trail<'a> {
     /// Nothing, before the leaf `start`.
     #[inline(always)]
-    fn new(start: u32, ranges: &'a mut [LeafRange; CAPACITY]) -> Self {
-        Self { last: LeafRange::new(start, start), len: 0, ranges }
+    fn new(start: u32, ends: &'a mut Ends) -> Self {
+        (ends[0], ends[1]) = (start, start);
+        Self { len: 2, ends }
     }
 
     /// Adds the leaves of some lanes of a node that ends at `end`.
+    ///
+    /// Lanes that stand side by side have leaves that follow on one another: a range begins or ends before a lane that is seen otherwise
+    /// than the one before it. All of them are packed at once, as branches on lanes would be guessed wrong as often as not.
     #[inline(always)]
-    fn add(&mut self, node: &WideNode, end: u32, lanes: u8) {
-        let mut left = u32::from(lanes);
-        while left != 0 {
-            let lane = left.trailing_zeros();
-            let run = (left >> lane).trailing_ones();
-            // Lanes that stand side by side have leaves that follow on one another.
-            let start = node.first_leaf[lane as usize % LANES];
-            let end = node.leaves((lane + run - 1) as usize % LANES, end).end;
-            // A branch would be guessed wrong as often as not: the last range is put down each time, for good when
-            // the next one does not join it.
-            let joins = start == self.last.end;
-            self.ranges[self.len % CAPACITY] = self.last;
-            self.len += usize::from(!joins);
-            self.last = LeafRange::new(if joins { self.last.start } else { start }, end);
-            left &= left + (1 << lane);
+    fn add<L: Lanes>(&mut self, lanes: L, node: &WideNode, end: u32, seen: u8) {
+        let changes = seen ^ (seen << 1);
+        let start = node.first_leaf[changes.trailing_zeros() as usize % LANES];
+        let last = self.len - 1;
+        // What begins where the last range ends makes it longer.
+        let joins = (seen != 0) & (start == self.ends[last % (2 * CAPACITY)]);
+        let (changes, at) = if joins { (changes & changes.wrapping_sub(1), last) } else { (changes, self.len) };
+        let at = at % (2 * CAPACITY);
+        if let Some((out, _)) = self.ends[at..].split_first_chunk_mut::<LANES>() {
+            lanes.pack(&node.first_leaf, end, changes, out);
         }
+        let at = at + changes.count_ones() as usize;
+        self.ends[at] = end; // of the last lane, where that is seen
+        self.len = at + usize::from(seen >> (LANES - 1));
     }
 
     /// Hands on what is there, but for the last range, when the next node might not find room.
     #[inline(always)]
     fn flush_if_full(&mut self, cell: Option<(u16, u16)>, sink: &mut impl Sink) {
-        if self.len > CAPACITY - LANES {
-            self.flush(cell, sink);
+        if self.len > 2 * CAPACITY - LANES {
+            let last = self.len - 2;
+            Self::hand_on(&self.ends[..last], cell, sink);
+            (self.ends[0], self.ends[1]) = (self.ends[last], self.ends[last + 1]);
+            self.len = 2;
         }
     }
 
     #[inline(always)]
-    fn flush(&mut self, cell: Option<(u16, u16)>, sink: &mut impl Sink) {
+    fn hand_on(ends: &[u32], cell: Option<(u16, u16)>, sink: &mut impl Sink) {
         if let Some((column, row)) = cell {
-            sink.append_to_cell(&self.ranges[..self.len.min(CAPACITY)], column, row);
+            sink.append_to_cell(ends.as_chunks().0, column, row);
         }
-        self.len = 0;
     }
 
     /// Hands on all.
     #[inline(always)]
-    fn finish(mut self, cell: Option<(u16, u16)>, sink: &mut impl Sink) {
-        self.ranges[self.len % CAPACITY] = self.last;
-        self.len += 1;
-        self.flush(cell, sink);
+    fn finish(self, cell: Option<(u16, u16)>, sink: &mut impl Sink) {
+        Self::hand_on(&self.ends[..self.len], cell, sink);
     }
 }
