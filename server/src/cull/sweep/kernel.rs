@@ -5,7 +5,8 @@ use mullion_common::visible_set::{LeafRange, VisibleSet};
 use super::classify::{ALL_SIDES, Boxes, LanePlanes, Looked, State};
 use super::lanes::{Kernel, Lanes};
 use super::lattice::Lattice;
-use super::{narrow, one_plane};
+use super::narrow;
+use super::one_plane::{self, Pending};
 use crate::cull::CullStats;
 use crate::tree::WideTree;
 
@@ -42,7 +43,7 @@ impl Visit {
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     stack: Vec<Visit>,
-    one_plane: one_plane::Memory,
+    pending: Pending,
     planes: LanePlanes,
 }
 
@@ -57,15 +58,13 @@ pub(super) struct Sweep<'a, S> {
 
 /// Where a sweep's findings go.
 pub(super) trait Sink {
-    /// Whether [`Sink::emit_to_cell`] and [`Sink::append_to_cell`] may be called.
+    /// Whether [`Sink::append_to_cell`] may be called.
     const TAKES_CELLS: bool;
     /// Whether the sink takes a node as it is, unvisited.
     fn takes(&mut self, visit: &Visit) -> bool;
     /// Leaves that all cells may see. Calls for a cell come in ascending order of leaves.
     fn emit(&mut self, leaves: LeafRange, cells: [u16; 4]);
-    /// Leaves that one cell may see, in the same order.
-    fn emit_to_cell(&mut self, leaves: LeafRange, column: u16, row: u16);
-    /// The same for several ranges, starts and ends, as [`VisibleSet::append_pairs`] takes them.
+    /// Leaves that one cell may see, in the same order: several ranges, starts and ends, as [`VisibleSet::append_pairs`] takes them.
     fn append_to_cell(&mut self, ranges: &[[u32; 2]], column: u16, row: u16);
 }
 
@@ -75,15 +74,18 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> CullStats {
         let Self { tree, lattice, start, memory, mut sink } = self;
-        let Memory { stack, one_plane: walk, planes } = memory;
+        let Memory { stack, pending, planes } = memory;
         planes.set(lattice, tree.origin());
         let mut stats = CullStats::default();
         let offset = tree.origin() - lattice.eye();
         stack.clear();
         stack.extend(start.iter().rev());
         while let Some(visit) = stack.pop() {
+            if S::TAKES_CELLS && pending.is_full() {
+                pending.finish(lanes, tree, offset, planes, &mut sink, &mut stats);
+            }
             if visit.node == Visit::EMIT {
-                sink.emit(visit.leaves, visit.slots);
+                emit(visit.leaves, visit.slots, pending, &mut sink);
                 continue;
             }
             if sink.takes(&visit) {
@@ -92,13 +94,13 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
             if S::TAKES_CELLS
                 && let Some(plane) = one_plane::plane_of(&visit, lattice, planes)
             {
-                one_plane::walk(lanes, &visit, &plane, tree, offset, planes, walk, &mut sink, &mut stats);
+                pending.take(&visit, &plane);
                 continue;
             }
             let node = &tree.nodes()[visit.node as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
             if S::TAKES_CELLS && narrow::takes(&visit, lattice) {
-                narrow::visit(lanes, &boxes, &visit, tree, lattice, planes, stack, &mut sink, &mut stats);
+                narrow::visit(lanes, &boxes, &visit, tree, lattice, planes, stack, pending, &mut stats);
                 continue;
             }
             let found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut (), &mut stats);
@@ -112,7 +114,7 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
                 let leaves = node.leaves(lane, visit.leaves.end);
                 match found.state(lanes, lane, visit.slots, &looked, &mut (), &mut stats) {
                     State::Unseen => {}
-                    State::Seen(slots) if stack.len() == first_new => sink.emit(leaves, lattice.cells(slots)),
+                    State::Seen(slots) if stack.len() == first_new => emit(leaves, lattice.cells(slots), pending, &mut sink),
                     State::Seen(slots) => {
                         stack.push(Visit { node: Visit::EMIT, leaves, slots: lattice.cells(slots), mask: 0 });
                     }
@@ -125,7 +127,20 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
             }
             stack[first_new..].reverse();
         }
+        if S::TAKES_CELLS {
+            pending.finish(lanes, tree, offset, planes, &mut sink, &mut stats);
+        }
         stats
+    }
+}
+
+/// Emits leaves, where cells are taken behind what is pending.
+#[inline(always)]
+fn emit<S: Sink>(leaves: LeafRange, cells: [u16; 4], pending: &mut Pending, sink: &mut S) {
+    if S::TAKES_CELLS {
+        pending.emit(leaves, cells);
+    } else {
+        sink.emit(leaves, cells);
     }
 }
 
@@ -151,11 +166,6 @@ impl Sink for ToSets<'_> {
                 self.sets[usize::from(*view)].push(leaves);
             }
         }
-    }
-
-    #[inline(always)]
-    fn emit_to_cell(&mut self, leaves: LeafRange, column: u16, row: u16) {
-        self.sets[usize::from(self.lattice.view(column, row))].push(leaves);
     }
 
     #[inline(always)]
@@ -189,12 +199,7 @@ impl Sink for ToVisits<'_> {
     }
 
     #[inline(always)]
-    fn emit_to_cell(&mut self, leaves: LeafRange, column: u16, row: u16) {
-        self.emit(leaves, [column, column + 1, row, row + 1]);
-    }
-
-    #[inline(always)]
     fn append_to_cell(&mut self, ranges: &[[u32; 2]], column: u16, row: u16) {
-        ranges.iter().for_each(|[start, end]| self.emit_to_cell(LeafRange::new(*start, *end), column, row));
+        ranges.iter().for_each(|[start, end]| self.emit(LeafRange::new(*start, *end), [column, column + 1, row, row + 1]));
     }
 }

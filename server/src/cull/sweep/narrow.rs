@@ -7,9 +7,10 @@
 use mullion_common::visible_set::LeafRange;
 
 use super::classify::{BOTTOM, Boxes, LEFT, LanePlane, LanePlanes, NEAR, RIGHT, TOP};
-use super::kernel::{Sink, Visit};
+use super::kernel::Visit;
 use super::lanes::Lanes;
 use super::lattice::Lattice;
+use super::one_plane::Pending;
 use crate::cull::CullStats;
 use crate::tree::{LANES, LeafAxes, WideNode, WideTree};
 
@@ -69,7 +70,7 @@ pub(super) fn visit<L: Lanes>(
     lattice: &Lattice,
     planes: &LanePlanes,
     stack: &mut Vec<Visit>,
-    sink: &mut impl Sink,
+    pending: &mut Pending,
     stats: &mut CullStats,
 ) {
     let node = &tree.nodes()[visit.node as usize];
@@ -121,7 +122,7 @@ pub(super) fn visit<L: Lanes>(
                 // Lanes that stand side by side have leaves that follow on one another.
                 let start = node.first_leaf[lane as usize % LANES];
                 let last = node.leaves((lane + run - 1) as usize % LANES, end);
-                sink.emit_to_cell(LeafRange::new(start, last.end), column, row);
+                pending.emit(LeafRange::new(start, last.end), [column, column + 1, row, row + 1]);
                 seen &= seen + (1 << lane);
             }
         }
