@@ -3,10 +3,11 @@
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::classify::{ALL_SIDES, Boxes, LanePlanes, Looked, State};
+use super::cuts::Cuts;
 use super::lanes::{Kernel, Lanes};
 use super::lattice::Lattice;
 use super::narrow;
-use super::one_plane::{self, Pending};
+use super::pending::Pending;
 use crate::cull::CullStats;
 use crate::tree::WideTree;
 
@@ -58,14 +59,14 @@ pub(super) struct Sweep<'a, S> {
 
 /// Where a sweep's findings go.
 pub(super) trait Sink {
-    /// Whether [`Sink::append_to_cell`] may be called.
-    const TAKES_CELLS: bool;
+    /// Whether [`Sink::append_to_view`] may be called.
+    const TAKES_VIEWS: bool;
     /// Whether the sink takes a node as it is, unvisited.
     fn takes(&mut self, visit: &Visit) -> bool;
     /// Leaves that all cells may see. Calls for a cell come in ascending order of leaves.
     fn emit(&mut self, leaves: LeafRange, cells: [u16; 4]);
-    /// Leaves that one cell may see, in the same order: several ranges, starts and ends, as [`VisibleSet::append_pairs`] takes them.
-    fn append_to_cell(&mut self, ranges: &[[u32; 2]], column: u16, row: u16);
+    /// Leaves that one view may see, in the same order: several ranges, starts and ends, as [`VisibleSet::append_pairs`] takes them.
+    fn append_to_view(&mut self, ranges: &[[u32; 2]], view: u16);
 }
 
 impl<S: Sink> Kernel for Sweep<'_, S> {
@@ -80,10 +81,13 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
         let offset = tree.origin() - lattice.eye();
         stack.clear();
         stack.extend(start.iter().rev());
-        while let Some(visit) = stack.pop() {
-            if S::TAKES_CELLS && pending.is_full() {
+        loop {
+            if S::TAKES_VIEWS && (stack.is_empty() || pending.is_full()) {
                 pending.finish(lanes, tree, offset, planes, &mut sink, &mut stats);
             }
+            let Some(visit) = stack.pop() else {
+                return stats;
+            };
             if visit.node == Visit::EMIT {
                 emit(visit.leaves, visit.slots, pending, &mut sink);
                 continue;
@@ -91,15 +95,15 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
             if sink.takes(&visit) {
                 continue;
             }
-            if S::TAKES_CELLS
-                && let Some(plane) = one_plane::plane_of(&visit, lattice, planes)
+            if S::TAKES_VIEWS
+                && let Some(cuts) = Cuts::of(&visit, lattice, planes)
             {
-                pending.take(&visit, &plane);
+                pending.take(&visit, &cuts);
                 continue;
             }
             let node = &tree.nodes()[visit.node as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
-            if S::TAKES_CELLS && narrow::takes(&visit, lattice) {
+            if S::TAKES_VIEWS && narrow::takes(&visit, lattice) {
                 narrow::visit(lanes, &boxes, &visit, tree, lattice, planes, stack, pending, &mut stats);
                 continue;
             }
@@ -127,17 +131,13 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
             }
             stack[first_new..].reverse();
         }
-        if S::TAKES_CELLS {
-            pending.finish(lanes, tree, offset, planes, &mut sink, &mut stats);
-        }
-        stats
     }
 }
 
 /// Emits leaves, where cells are taken behind what is pending.
 #[inline(always)]
 fn emit<S: Sink>(leaves: LeafRange, cells: [u16; 4], pending: &mut Pending, sink: &mut S) {
-    if S::TAKES_CELLS {
+    if S::TAKES_VIEWS {
         pending.emit(leaves, cells);
     } else {
         sink.emit(leaves, cells);
@@ -152,7 +152,7 @@ pub(super) struct ToSets<'a> {
 }
 
 impl Sink for ToSets<'_> {
-    const TAKES_CELLS: bool = true;
+    const TAKES_VIEWS: bool = true;
 
     #[inline(always)]
     fn takes(&mut self, _: &Visit) -> bool {
@@ -161,6 +161,10 @@ impl Sink for ToSets<'_> {
 
     #[inline(always)]
     fn emit(&mut self, leaves: LeafRange, [left, right, bottom, top]: [u16; 4]) {
+        if right == left + 1 && top == bottom + 1 {
+            self.sets[usize::from(self.lattice.view(left, bottom))].push(leaves);
+            return;
+        }
         for row in bottom..top {
             for view in self.lattice.row(row, left..right) {
                 self.sets[usize::from(*view)].push(leaves);
@@ -169,8 +173,8 @@ impl Sink for ToSets<'_> {
     }
 
     #[inline(always)]
-    fn append_to_cell(&mut self, ranges: &[[u32; 2]], column: u16, row: u16) {
-        self.sets[usize::from(self.lattice.view(column, row))].append_pairs(ranges);
+    fn append_to_view(&mut self, ranges: &[[u32; 2]], view: u16) {
+        self.sets[usize::from(view)].append_pairs(ranges);
     }
 }
 
@@ -182,7 +186,7 @@ pub(super) struct ToVisits<'a> {
 
 impl Sink for ToVisits<'_> {
     // Visits are shared out by leaves: they come in order whatever the cell.
-    const TAKES_CELLS: bool = false;
+    const TAKES_VIEWS: bool = false;
 
     #[inline(always)]
     fn takes(&mut self, visit: &Visit) -> bool {
@@ -199,7 +203,5 @@ impl Sink for ToVisits<'_> {
     }
 
     #[inline(always)]
-    fn append_to_cell(&mut self, ranges: &[[u32; 2]], column: u16, row: u16) {
-        ranges.iter().for_each(|[start, end]| self.emit(LeafRange::new(*start, *end), [column, column + 1, row, row + 1]));
-    }
+    fn append_to_view(&mut self, _: &[[u32; 2]], _: u16) {}
 }

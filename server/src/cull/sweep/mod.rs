@@ -7,12 +7,13 @@
 //! Walls of several screens or eyes are swept lattice by lattice.
 
 mod classify;
+mod cuts;
 mod helpers;
 mod kernel;
 mod lanes;
 mod lattice;
 mod narrow;
-mod one_plane;
+mod pending;
 mod slack;
 
 use glam::DAffine3;

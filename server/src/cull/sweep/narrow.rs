@@ -10,7 +10,7 @@ use super::classify::{BOTTOM, Boxes, LEFT, LanePlane, LanePlanes, NEAR, RIGHT, T
 use super::kernel::Visit;
 use super::lanes::Lanes;
 use super::lattice::Lattice;
-use super::one_plane::Pending;
+use super::pending::Pending;
 use crate::cull::CullStats;
 use crate::tree::{LANES, LeafAxes, WideNode, WideTree};
 
