@@ -6,7 +6,6 @@ use super::classify::{ALL_SIDES, Boxes, LanePlanes, Looked, State};
 use super::cuts::Cuts;
 use super::lanes::{Kernel, Lanes};
 use super::lattice::Lattice;
-use super::narrow;
 use super::pending::Pending;
 use crate::cull::CullStats;
 use crate::tree::WideTree;
@@ -103,10 +102,6 @@ impl<S: Sink> Kernel for Sweep<'_, S> {
             }
             let node = &tree.nodes()[visit.node as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
-            if S::TAKES_VIEWS && narrow::takes(&visit, lattice) {
-                narrow::visit(lanes, &boxes, &visit, tree, lattice, planes, stack, pending, &mut stats);
-                continue;
-            }
             let found = boxes.classify(lanes, visit.slots, visit.mask, planes, &mut (), &mut stats);
             let axes = &tree.axes()[visit.node as usize];
             let looked = Looked { node, axes, boxes: &boxes, lattice, planes };

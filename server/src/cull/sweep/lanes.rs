@@ -40,6 +40,10 @@ pub(super) trait Lanes: Copy {
     fn at_most(self, words: Self::Words, most: u32) -> Self::Words;
     /// In each lane the word of the next one, in the last one `last`.
     fn next(self, words: Self::Words, last: u32) -> Self::Words;
+    /// The same word eight times.
+    fn repeat(self, word: u32) -> Self::Words;
+    /// `yes` in the lanes whose bits are set, `no` in the others.
+    fn choose(self, bits: u8, yes: Self::Words, no: Self::Words) -> Self::Words;
     /// Writes the words whose bits are set side by side, in order; what comes behind them in `out` is anything.
     fn pack(self, words: Self::Words, bits: u8, out: &mut [u32; 8]);
     /// Bit `word − first` of each word, where there is one.
@@ -151,6 +155,16 @@ impl Lanes for Plain {
     #[inline(always)]
     fn next(self, words: [u32; 8], last: u32) -> [u32; 8] {
         std::array::from_fn(|i| if i < 7 { words[i + 1] } else { last })
+    }
+
+    #[inline(always)]
+    fn repeat(self, word: u32) -> [u32; 8] {
+        [word; 8]
+    }
+
+    #[inline(always)]
+    fn choose(self, bits: u8, yes: [u32; 8], no: [u32; 8]) -> [u32; 8] {
+        std::array::from_fn(|i| if (bits >> i) & 1 != 0 { yes[i] } else { no[i] })
     }
 
     #[inline(always)]
@@ -316,6 +330,22 @@ mod avx2 {
         }
 
         #[inline(always)]
+        fn repeat(self, word: u32) -> __m256i {
+            // SAFETY: as above.
+            unsafe { _mm256_set1_epi32(word.cast_signed()) }
+        }
+
+        #[inline(always)]
+        fn choose(self, bits: u8, yes: __m256i, no: __m256i) -> __m256i {
+            // SAFETY: as above.
+            unsafe {
+                let lanes = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+                let set = _mm256_and_si256(_mm256_set1_epi32(bits.into()), lanes);
+                _mm256_blendv_epi8(no, yes, _mm256_cmpeq_epi32(set, lanes))
+            }
+        }
+
+        #[inline(always)]
         fn pack(self, words: __m256i, bits: u8, out: &mut [u32; 8]) {
             // SAFETY: as above; the store writes the eight words of `out`, wherever they stand.
             unsafe {
@@ -399,7 +429,7 @@ mod tests {
             let next = l.next(l.at_most(l.words(&words), 3 << 30), 35);
             for mask in 0..=255u8 {
                 let mut packed = [0; 8];
-                l.pack(next, mask, &mut packed);
+                l.pack(l.choose(mask >> 3, next, l.repeat(9)), mask, &mut packed);
                 bits.extend_from_slice(&packed[..mask.count_ones() as usize]);
                 let deposited = l.deposit(mask.into(), 0x8100_0420_0180_1021);
                 bits.extend([deposited as u32, (deposited >> 32) as u32]);

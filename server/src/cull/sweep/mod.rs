@@ -12,7 +12,6 @@ mod helpers;
 mod kernel;
 mod lanes;
 mod lattice;
-mod narrow;
 mod pending;
 mod slack;
 

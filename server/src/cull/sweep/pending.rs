@@ -95,7 +95,7 @@ struct Marks {
 impl Queue {
     /// Adds children of a node.
     #[inline(always)]
-    fn push<L: Lanes>(&mut self, lanes: L, children: L::Words, ends: L::Words, which: u8, of: u32) {
+    fn push<L: Lanes>(&mut self, lanes: L, children: L::Words, ends: L::Words, of: L::Words, which: u8) {
         let at = self.len;
         if self.nodes.len() < at + LANES {
             self.grow();
@@ -107,7 +107,7 @@ impl Queue {
             lanes.pack(ends, which, places);
         }
         if let Some((places, _)) = self.of[at..].split_first_chunk_mut() {
-            *places = [of; LANES];
+            lanes.pack(of, which, places);
         }
         self.len = at + which.count_ones() as usize;
     }
@@ -318,11 +318,11 @@ impl Pending {
 
             let children = lanes.words(&node.child);
             let ends = lanes.next(lanes.at_most(lanes.words(&node.first_leaf), end), end);
-            by_two.push(lanes, children, ends, open & is_cut_across & is_cut_up, of);
-            by_one.push(lanes, children, ends, open & is_cut_across & below, *first_one);
-            by_one.push(lanes, children, ends, open & is_cut_across & above, *first_one + 1);
-            by_one.push(lanes, children, ends, open & is_cut_up & left, *first_one + 2);
-            by_one.push(lanes, children, ends, open & is_cut_up & right, *first_one + 3);
+            by_two.push(lanes, children, ends, lanes.repeat(of), open & is_cut_across & is_cut_up);
+            let of_across = lanes.choose(above, lanes.repeat(first_one + 1), lanes.repeat(*first_one));
+            let of_up = lanes.choose(right, lanes.repeat(first_one + 3), lanes.repeat(first_one + 2));
+            let of_one = lanes.choose(is_cut_across, of_across, of_up);
+            by_one.push(lanes, children, ends, of_one, open & !(is_cut_across & is_cut_up));
             let seen = seen.map(|seen| seen & boxes.alive & !open);
             marks.add(lanes, node, end, *bit_from_leaf, seen, [0, 1, 2, 3]);
         }
@@ -355,7 +355,7 @@ impl Pending {
             let open = cut & !node.leaf_lanes;
             let seen = boxes.alive & !open;
             let ends = lanes.next(lanes.at_most(lanes.words(&node.first_leaf), end), end);
-            by_one.push(lanes, lanes.words(&node.child), ends, open, of);
+            by_one.push(lanes, lanes.words(&node.child), ends, lanes.repeat(of), open);
             marks.add(lanes, node, end, *bit_from_leaf, [seen & !above & kept[0], seen & !below & kept[1]], *rows);
         }
         stats.nodes_visited += visited;
@@ -403,12 +403,15 @@ fn hand_on_area(area: &Area, marks: &mut [[u64; ROWS]], word: usize, found: &mut
             let out = &mut found[count..count + Pending::OF_WORD];
             // Some more than there are, so that there is seldom a branch to guess.
             let mut written = 0;
-            while written < of_word {
+            loop {
                 for place in &mut out[written..written + 4] {
                     *place = first + left.trailing_zeros();
                     left &= left.wrapping_sub(1);
                 }
                 written += 4;
+                if written >= of_word {
+                    break;
+                }
             }
             count += of_word;
             first += u64::BITS;
