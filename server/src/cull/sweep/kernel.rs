@@ -200,3 +200,64 @@ impl Sink for ToVisits<'_> {
     #[inline(always)]
     fn append_to_view(&mut self, _: &[[u32; 2]], _: u16) {}
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DQuat, DVec3};
+    use mullion_common::geometry::{Aabb, Obb};
+    use mullion_common::scene::ObjectHierarchy;
+    use mullion_common::wall::{ViewId, WallConfig};
+
+    use super::super::lanes::{Plain, run_on_best};
+    use super::*;
+    use crate::tree::hierarchy_over;
+
+    /// Boxes of all sizes, half of them turned, far and wide around the eye: areas of one word of marks and of many.
+    fn tree() -> WideTree {
+        let bound = |i: u32| {
+            let at = |step: f64| (f64::from(i) * step).fract() * 80.0 - 40.0;
+            let turn = if i.is_multiple_of(2) { DQuat::IDENTITY } else { DQuat::from_scaled_axis(DVec3::splat(f64::from(i))) };
+            let half = DVec3::new(1.0, 2.0, 3.0) * (0.05 + f64::from(i % 17) * 0.02);
+            let center = DVec3::new(at(0.754_877_67), at(0.569_840_29) * 0.5, at(0.430_159_71) - 30.0);
+            Obb::from(Aabb { min: -half, max: half }).transformed(&DAffine3::from_rotation_translation(turn, center))
+        };
+        let (nodes, _) = hierarchy_over(&(0..20_000).map(bound).collect::<Vec<_>>());
+        WideTree::new(&ObjectHierarchy::new(nodes).expect("a tree"))
+    }
+
+    #[test]
+    fn vectors_and_plain_numbers_find_the_same_to_the_bit() {
+        let tree = tree();
+        let [mut memory, mut other] = [Memory::default(), Memory::default()];
+        let mut seen = 0;
+        for wall in [include_str!("../../../../configs/wall_4x4.toml"), include_str!("../../../../configs/cave_4.toml")] {
+            let wall = WallConfig::parse(wall).expect("a wall");
+            let eyes = wall.default_eyes();
+            let frusta = |pose: &DAffine3| -> Vec<_> {
+                eyes.iter().zip(0..).map(|(eye, view)| wall.frustum(ViewId(view), *eye, pose)).collect()
+            };
+            for mut lattice in Lattice::of_views(&frusta(&DAffine3::IDENTITY)) {
+                for frame in 0..12 {
+                    let pose = DAffine3::from_rotation_translation(
+                        DQuat::from_rotation_y(f64::from(frame) * 0.55),
+                        DVec3::new(1.0, 2.0, -3.0) * f64::from(frame),
+                    );
+                    lattice.place(&pose);
+                    let start = [Visit::all(&tree, &lattice)];
+                    let mut sets: [Vec<VisibleSet>; 2] = Default::default();
+                    sets.iter_mut().for_each(|sets| sets.resize_with(eyes.len(), VisibleSet::default));
+                    let [plain, best] = &mut sets;
+                    let sink = ToSets { lattice: &lattice, sets: plain };
+                    let sweep = Sweep { tree: &tree, lattice: &lattice, start: &start, memory: &mut memory, sink };
+                    let plain_stats = Plain.run(sweep);
+                    let sink = ToSets { lattice: &lattice, sets: best };
+                    let sweep = Sweep { tree: &tree, lattice: &lattice, start: &start, memory: &mut other, sink };
+                    assert_eq!(run_on_best(sweep), plain_stats);
+                    assert_eq!(sets[0], sets[1]);
+                    seen += sets[0].iter().map(VisibleSet::len).sum::<u32>();
+                }
+            }
+        }
+        assert!(seen > 100_000, "{seen}");
+    }
+}
