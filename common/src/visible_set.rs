@@ -232,6 +232,15 @@ impl VisibleSet {
         }
     }
 
+    /// The same, given starts and ends.
+    #[inline]
+    pub fn append_pairs(&mut self, ranges: &[[u32; 2]]) {
+        if let [[start, end], rest @ ..] = ranges {
+            self.push(LeafRange::new(*start, *end));
+            self.ranges.extend(rest.iter().map(|[start, end]| LeafRange::new(*start, *end)));
+        }
+    }
+
     /// Whether every leaf of `other` is in this set.
     pub fn is_superset_of(&self, other: &Self) -> bool {
         let mut missing = Self::default();

@@ -160,8 +160,9 @@ impl WideNode {
     /// The leaves of a lane; `end` is one past the node's last leaf.
     #[inline(always)]
     pub fn leaves(&self, lane: usize, end: u32) -> LeafRange {
-        let next = if lane + 1 < LANES { self.first_leaf[lane + 1].min(end) } else { end };
-        LeafRange::new(self.first_leaf[lane], next)
+        // Read either way, so that nothing branches on the lane.
+        let next = self.first_leaf[(lane + 1) % LANES].min(end);
+        LeafRange::new(self.first_leaf[lane], if lane + 1 < LANES { next } else { end })
     }
 
     /// How many lanes are used; they are the first ones.

@@ -7,6 +7,8 @@
 pub(super) trait Lanes: Copy {
     /// Eight numbers.
     type Wide: Copy;
+    /// Eight unsigned integers.
+    type Words: Copy;
 
     /// Runs a kernel compiled for these lanes.
     fn run<K: Kernel>(self, kernel: K) -> K::Output;
@@ -32,8 +34,26 @@ pub(super) trait Lanes: Copy {
     fn to_array(self, a: Self::Wide) -> [f32; 8];
     /// A bit for each word in which bit `bit` is set.
     fn with_bit(self, words: &[u32; 8], bit: u32) -> u8;
+    /// Eight words.
+    fn words(self, words: &[u32; 8]) -> Self::Words;
+    /// Words, none greater than `most`.
+    fn at_most(self, words: Self::Words, most: u32) -> Self::Words;
+    /// In each lane the word of the next one, in the last one `last`.
+    fn next(self, words: Self::Words, last: u32) -> Self::Words;
+    /// The same word eight times.
+    fn repeat(self, word: u32) -> Self::Words;
+    /// `yes` in the lanes whose bits are set, `no` in the others.
+    fn choose(self, bits: u8, yes: Self::Words, no: Self::Words) -> Self::Words;
+    /// Writes the words whose bits are set side by side, in order; what comes behind them in `out` is anything.
+    fn pack(self, words: Self::Words, bits: u8, out: &mut [u32; 8]);
+    /// Bit `word − first` of each word, where there is one.
+    fn marks(self, words: Self::Words, first: u32) -> u64;
+    /// The bits of `bits`, from the lowest, in the places where `places` has ones, from the lowest.
+    fn deposit(self, bits: u64, places: u64) -> u64;
     /// Asks for the memory of something that is soon looked at.
     fn prefetch<T>(self, soon: &T);
+    /// The same for an element, or for nothing where there is none: a hint, which costs no branch.
+    fn prefetch_at<T>(self, list: &[T], at: usize);
 }
 
 /// What runs on lanes. Everything that it calls with them must be `#[inline(always)]`, and no closure may use them: what
@@ -60,6 +80,7 @@ pub(super) struct Plain;
 
 impl Lanes for Plain {
     type Wide = [f32; 8];
+    type Words = [u32; 8];
 
     #[inline(always)]
     fn run<K: Kernel>(self, kernel: K) -> K::Output {
@@ -122,7 +143,60 @@ impl Lanes for Plain {
     }
 
     #[inline(always)]
+    fn words(self, words: &[u32; 8]) -> [u32; 8] {
+        *words
+    }
+
+    #[inline(always)]
+    fn at_most(self, words: [u32; 8], most: u32) -> [u32; 8] {
+        words.map(|word| word.min(most))
+    }
+
+    #[inline(always)]
+    fn next(self, words: [u32; 8], last: u32) -> [u32; 8] {
+        std::array::from_fn(|i| if i < 7 { words[i + 1] } else { last })
+    }
+
+    #[inline(always)]
+    fn repeat(self, word: u32) -> [u32; 8] {
+        [word; 8]
+    }
+
+    #[inline(always)]
+    fn choose(self, bits: u8, yes: [u32; 8], no: [u32; 8]) -> [u32; 8] {
+        std::array::from_fn(|i| if (bits >> i) & 1 != 0 { yes[i] } else { no[i] })
+    }
+
+    #[inline(always)]
+    fn pack(self, words: [u32; 8], bits: u8, out: &mut [u32; 8]) {
+        let mut count = 0;
+        for (lane, word) in words.into_iter().enumerate() {
+            out[count % 8] = word;
+            count += usize::from((bits >> lane) & 1);
+        }
+    }
+
+    #[inline(always)]
+    fn marks(self, words: [u32; 8], first: u32) -> u64 {
+        words.into_iter().fold(0, |marks, word| marks | 1u64.checked_shl(word.wrapping_sub(first)).unwrap_or(0))
+    }
+
+    #[inline(always)]
+    fn deposit(self, mut bits: u64, mut places: u64) -> u64 {
+        let mut deposited = 0;
+        while places != 0 {
+            let place = places & places.wrapping_neg();
+            deposited |= if bits & 1 != 0 { place } else { 0 };
+            (bits, places) = (bits >> 1, places ^ place);
+        }
+        deposited
+    }
+
+    #[inline(always)]
     fn prefetch<T>(self, _: &T) {}
+
+    #[inline(always)]
+    fn prefetch_at<T>(self, _: &[T], _: usize) {}
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -154,6 +228,7 @@ mod avx2 {
 
     impl Lanes for Avx2 {
         type Wide = __m256;
+        type Words = __m256i;
 
         #[inline(always)]
         fn run<K: Kernel>(self, kernel: K) -> K::Output {
@@ -234,15 +309,104 @@ mod avx2 {
         }
 
         #[inline(always)]
+        fn words(self, words: &[u32; 8]) -> __m256i {
+            // SAFETY: as above; the load reads the eight words, wherever they stand.
+            unsafe { _mm256_loadu_si256(words.as_ptr().cast()) }
+        }
+
+        #[inline(always)]
+        fn at_most(self, words: __m256i, most: u32) -> __m256i {
+            // SAFETY: as above.
+            unsafe { _mm256_min_epu32(words, _mm256_set1_epi32(most.cast_signed())) }
+        }
+
+        #[inline(always)]
+        fn next(self, words: __m256i, last: u32) -> __m256i {
+            // SAFETY: as above.
+            unsafe {
+                let moved = _mm256_permutevar8x32_epi32(words, _mm256_setr_epi32(1, 2, 3, 4, 5, 6, 7, 7));
+                _mm256_blend_epi32::<0x80>(moved, _mm256_set1_epi32(last.cast_signed()))
+            }
+        }
+
+        #[inline(always)]
+        fn repeat(self, word: u32) -> __m256i {
+            // SAFETY: as above.
+            unsafe { _mm256_set1_epi32(word.cast_signed()) }
+        }
+
+        #[inline(always)]
+        fn choose(self, bits: u8, yes: __m256i, no: __m256i) -> __m256i {
+            // SAFETY: as above.
+            unsafe {
+                let lanes = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+                let set = _mm256_and_si256(_mm256_set1_epi32(bits.into()), lanes);
+                _mm256_blendv_epi8(no, yes, _mm256_cmpeq_epi32(set, lanes))
+            }
+        }
+
+        #[inline(always)]
+        fn pack(self, words: __m256i, bits: u8, out: &mut [u32; 8]) {
+            // SAFETY: as above; the store writes the eight words of `out`, wherever they stand.
+            unsafe {
+                let order = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(PACKED[usize::from(bits)].cast_signed()));
+                _mm256_storeu_si256(out.as_mut_ptr().cast(), _mm256_permutevar8x32_epi32(words, order));
+            }
+        }
+
+        #[inline(always)]
+        fn marks(self, words: __m256i, first: u32) -> u64 {
+            // SAFETY: as above.
+            unsafe {
+                let places = _mm256_sub_epi32(words, _mm256_set1_epi32(first.cast_signed()));
+                let one = _mm256_set1_epi64x(1);
+                let low = _mm256_sllv_epi64(one, _mm256_cvtepu32_epi64(_mm256_castsi256_si128(places)));
+                let high = _mm256_sllv_epi64(one, _mm256_cvtepu32_epi64(_mm256_extracti128_si256::<1>(places)));
+                let marks = _mm256_or_si256(low, high);
+                let marks = _mm_or_si128(_mm256_castsi256_si128(marks), _mm256_extracti128_si256::<1>(marks));
+                (_mm_cvtsi128_si64(marks) | _mm_extract_epi64::<1>(marks)).cast_unsigned()
+            }
+        }
+
+        #[inline(always)]
+        fn deposit(self, bits: u64, places: u64) -> u64 {
+            // SAFETY: as above: BMI2 came with it.
+            unsafe { _pdep_u64(bits, places) }
+        }
+
+        #[inline(always)]
         fn prefetch<T>(self, soon: &T) {
+            self.prefetch_at(std::slice::from_ref(soon), 0);
+        }
+
+        #[inline(always)]
+        fn prefetch_at<T>(self, list: &[T], at: usize) {
             const LINE: usize = 64;
-            let start = std::ptr::from_ref(soon).cast::<i8>();
+            let start = list.as_ptr().wrapping_add(at).cast::<i8>();
             for offset in (0..size_of::<T>()).step_by(LINE) {
-                // SAFETY: a hint, which reads nothing; the addresses lie in `soon`.
-                unsafe { _mm_prefetch::<_MM_HINT_T0>(start.add(offset)) }
+                // SAFETY: a hint, which reads nothing, whatever the address.
+                unsafe { _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(offset)) }
             }
         }
     }
+
+    /// Of each mask, its lanes in order, a byte each.
+    const PACKED: [u64; 256] = {
+        let mut packed = [0; 256];
+        let mut bits = 0;
+        while bits < 256 {
+            let (mut lane, mut count) = (0, 0);
+            while lane < 8 {
+                if bits >> lane & 1 != 0 {
+                    packed[bits] |= lane << (8 * count);
+                    count += 1;
+                }
+                lane += 1;
+            }
+            bits += 1;
+        }
+        packed
+    };
 }
 
 #[cfg(test)]
@@ -262,6 +426,18 @@ mod tests {
             let signed = l.widen_signed(&[0, 1, -1, 127, -127, -128, 64, -3]);
             let words = [0, 1 << 30, 1 << 31, u32::MAX, 7, 1 << 29, 3 << 30, 1];
             let mut bits: Vec<u32> = [0, 2, 30, 31].map(|bit| u32::from(l.with_bit(&words, bit))).to_vec();
+            let next = l.next(l.at_most(l.words(&words), 3 << 30), 35);
+            for mask in 0..=255u8 {
+                let mut packed = [0; 8];
+                l.pack(l.choose(mask >> 3, next, l.repeat(9)), mask, &mut packed);
+                bits.extend_from_slice(&packed[..mask.count_ones() as usize]);
+                let deposited = l.deposit(mask.into(), 0x8100_0420_0180_1021);
+                bits.extend([deposited as u32, (deposited >> 32) as u32]);
+            }
+            for first in [0, 7, 8, (1 << 29) - 63, (1 << 29) - 64, u32::MAX] {
+                let marks = l.marks(next, first);
+                bits.extend([marks as u32, (marks >> 32) as u32]);
+            }
             for a in numbers {
                 for b in numbers {
                     let (wide_a, wide_b) = (l.mul(l.splat(a), bytes), l.splat(b));

@@ -54,8 +54,6 @@ struct Axis {
     /// Of each column, its first and last edge; ascending.
     spans: Vec<[u16; 2]>,
     slots: u16,
-    /// Whether columns end in the order in which they begin.
-    is_simple: bool,
     /// Whether each slot is a column.
     is_plain: bool,
     /// Of each slot, the first column that covers it or lies after it.
@@ -107,7 +105,7 @@ macro_rules! clone_by_field {
 
 clone_by_field!(Lattice { frame, columns, rows, views, placed });
 clone_by_field!(Placed { eye, near, planes });
-clone_by_field!(Axis { tangents, spans, slots, is_simple, is_plain, first, end });
+clone_by_field!(Axis { tangents, spans, slots, is_plain, first, end });
 
 /// Tangents that differ by less are one edge: rounding, which the slack of the box tests covers.
 const SAME_EDGE: f64 = 1e-9;
@@ -238,28 +236,10 @@ impl Lattice {
         [&self.placed.planes[0], &self.placed.planes[1]]
     }
 
-    /// Whether columns and rows end in the order in which they begin, however they overlap.
-    #[inline(always)]
-    pub(super) fn is_simple(&self) -> bool {
-        self.columns.is_simple && self.rows.is_simple
-    }
-
     /// Whether columns and rows are the slots: nothing overlaps, and there are no gaps.
     #[inline(always)]
     pub(super) fn is_plain(&self) -> bool {
         self.columns.is_plain && self.rows.is_plain
-    }
-
-    /// The first and the last edge of a column.
-    #[inline(always)]
-    pub(super) fn column_span(&self, column: u16) -> [u16; 2] {
-        self.columns.spans[usize::from(column)]
-    }
-
-    /// The first and the last edge of a row.
-    #[inline(always)]
-    pub(super) fn row_span(&self, row: u16) -> [u16; 2] {
-        self.rows.spans[usize::from(row)]
     }
 
     /// Slots across and up.
@@ -345,9 +325,8 @@ impl Axis {
         let first = |slot: u16| spans.iter().take_while(|span| span[1] <= slot).count() as u16;
         let end = |slot: u16| spans.iter().take_while(|span| span[0] <= slot).count() as u16;
         let (first, end) = (SlotTable::of(slots.clone().map(first)), SlotTable::of(slots.clone().map(end)));
-        let is_simple = spans.is_sorted_by(|a, b| a[1] <= b[1]);
         let is_plain = spans.iter().zip(0..).all(|(span, slot)| *span == [slot, slot + 1]);
-        Self { spans, slots: slots.end, is_simple, is_plain, first, end, tangents }
+        Self { spans, slots: slots.end, is_plain, first, end, tangents }
     }
 
     fn span_of(&self, edges: [f64; 2]) -> Option<usize> {

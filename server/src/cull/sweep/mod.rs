@@ -4,15 +4,16 @@
 //! which of its outer sides may still cut the box, down the tree; of a node's eight children it tests
 //! only the planes inside the rectangle and the sides left. What lies in one slot and is cut by nothing goes out whole, as
 //! (leaf range × rectangle of tiles), in ascending order. Leaves that are cut are tested again as oriented boxes.
+//! Subtrees that one plane cuts each way at most are put aside and walked together.
 //! Walls of several screens or eyes are swept lattice by lattice.
 
 mod classify;
+mod cuts;
 mod helpers;
 mod kernel;
 mod lanes;
 mod lattice;
-mod narrow;
-mod one_plane;
+mod pending;
 mod slack;
 
 use glam::DAffine3;
