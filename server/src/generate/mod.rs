@@ -3,6 +3,7 @@
 //! A new scene is a module beside [`city`], a variant of [`GeneratedScene`] and a line in each `match` below.
 mod boxes;
 mod city;
+mod garbage;
 mod glb_writer;
 mod palace;
 mod plant;
@@ -31,14 +32,21 @@ pub enum GeneratedScene {
     Plant,
     /// A palace city with the node tree of the paper's Fatehpur Sikri: 288 groups over 482 leaves of 3300 triangles.
     Palace,
+    /// 2500 things of about 2100 triangles each in a wire basket, none fixed to another.
+    Garbage,
     /// Clustered boxes, as many as asked for.
     Boxes(Boxes),
 }
 
 impl GeneratedScene {
     /// Every scene, in the order in which they are listed to users.
-    pub const ALL: &'static [GeneratedScene] =
-        &[GeneratedScene::City, GeneratedScene::Plant, GeneratedScene::Palace, GeneratedScene::Boxes(Boxes::DEFAULT)];
+    pub const ALL: &'static [GeneratedScene] = &[
+        GeneratedScene::City,
+        GeneratedScene::Plant,
+        GeneratedScene::Palace,
+        GeneratedScene::Garbage,
+        GeneratedScene::Boxes(Boxes::DEFAULT),
+    ];
 
     /// The name that a user types.
     pub fn name(self) -> &'static str {
@@ -46,6 +54,7 @@ impl GeneratedScene {
             GeneratedScene::City => "city",
             GeneratedScene::Plant => "plant",
             GeneratedScene::Palace => "palace",
+            GeneratedScene::Garbage => "garbage",
             GeneratedScene::Boxes(_) => "boxes",
         }
     }
@@ -114,6 +123,7 @@ fn generate(scene: GeneratedScene, seed: u64) -> Glb {
         GeneratedScene::City => city::generate(seed),
         GeneratedScene::Plant => plant::generate(seed),
         GeneratedScene::Palace => palace::generate(seed),
+        GeneratedScene::Garbage => garbage::generate(seed),
         GeneratedScene::Boxes(boxes) => boxes::generate(boxes, seed),
     }
 }
