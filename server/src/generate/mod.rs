@@ -3,8 +3,10 @@
 //! A new scene is a module beside [`city`], a variant of [`GeneratedScene`] and a line in each `match` below.
 mod boxes;
 mod city;
+mod forest;
 mod garbage;
 mod glb_writer;
+mod gothic;
 mod palace;
 mod plant;
 mod random;
@@ -32,6 +34,8 @@ pub enum GeneratedScene {
     Plant,
     /// A palace city with the node tree of the paper's Fatehpur Sikri: 288 groups over 482 leaves of 3300 triangles.
     Palace,
+    /// Twelve trees of 28 500 triangles each before a castle of 110 981.
+    Forest,
     /// 2500 things of about 2100 triangles each in a wire basket, none fixed to another.
     Garbage,
     /// Clustered boxes, as many as asked for.
@@ -44,6 +48,7 @@ impl GeneratedScene {
         GeneratedScene::City,
         GeneratedScene::Plant,
         GeneratedScene::Palace,
+        GeneratedScene::Forest,
         GeneratedScene::Garbage,
         GeneratedScene::Boxes(Boxes::DEFAULT),
     ];
@@ -54,6 +59,7 @@ impl GeneratedScene {
             GeneratedScene::City => "city",
             GeneratedScene::Plant => "plant",
             GeneratedScene::Palace => "palace",
+            GeneratedScene::Forest => "forest",
             GeneratedScene::Garbage => "garbage",
             GeneratedScene::Boxes(_) => "boxes",
         }
@@ -123,6 +129,7 @@ fn generate(scene: GeneratedScene, seed: u64) -> Glb {
         GeneratedScene::City => city::generate(seed),
         GeneratedScene::Plant => plant::generate(seed),
         GeneratedScene::Palace => palace::generate(seed),
+        GeneratedScene::Forest => forest::generate(seed),
         GeneratedScene::Garbage => garbage::generate(seed),
         GeneratedScene::Boxes(boxes) => boxes::generate(boxes, seed),
     }
