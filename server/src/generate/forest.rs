@@ -54,9 +54,9 @@ pub fn generate(seed: u64) -> Glb {
 
 /// Pairs to both sides of the path, every other pair further out, so that crowns close the gaps of those before them.
 fn stand(k: usize, random: &mut Random) -> Vec3 {
-    let side = if k % 2 == 0 { -1.0 } else { 1.0 };
+    let side = [-1.0, 1.0][k % 2];
     let row = (k / 2) as f32;
-    let out = if k / 2 % 2 == 0 { OUTER_M } else { INNER_M };
+    let out = [OUTER_M, INNER_M][k / 2 % 2];
     let x = side * (out + random.range(0.0, 1.6));
     let z = ALLEY_M + STRIDE_M * row + random.range(-1.5, 1.5);
     vec3(x, meadow::surface(x, z) - 0.1, z)
