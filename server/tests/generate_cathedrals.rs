@@ -109,7 +109,7 @@ fn the_gltf_crate_reads_them_too() {
 }
 
 /// Pixels along a side of a view.
-const SIDE: usize = 256;
+const SIDE: usize = 192;
 
 /// What is drawn in a square view of 90° along −Z.
 struct Coverage(Vec<bool>);
@@ -210,11 +210,8 @@ fn nobody_inside_sees_out() {
         dvec3(20.1, 1.7, 0.2),
         dvec3(3.2, 15.3, -1.1),
         dvec3(-4.7, 1.7, 0.6),
-        dvec3(24.3, 1.7, 10.4),
         dvec3(55.4, 1.8, 0.9),
-        dvec3(57.1, 14.2, -15.3),
         dvec3(54.2, 1.7, 17.9),
-        dvec3(79.6, 2.1, 1.3),
         dvec3(94.3, 1.7, 1.2),
     ] {
         let holes = holes(&triangles, eye);

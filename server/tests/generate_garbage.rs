@@ -47,17 +47,17 @@ fn things_lie_in_the_basket() {
     let children = &scene.nodes[scene.roots[0] as usize].children;
     let places: Vec<DVec3> = children[1..].iter().map(|id| scene.nodes[*id as usize].parent_from_local.translation).collect();
     for at in &places {
-        assert!(at.x.hypot(at.z) < 0.4 && (0.0..1.2).contains(&at.y), "{at}");
+        assert!(at.x.hypot(at.z) < 0.52 && (0.0..1.3).contains(&at.y), "{at}");
     }
     let highest = places.iter().map(|at| at.y).fold(0.0, f64::max);
-    assert!(highest > 0.75, "{highest}");
-    // Balls about the things' middles hardly overlap: none is in another's place.
+    assert!(highest > 0.9, "{highest}");
+    // Things may touch and dent each other, but none is in another's place.
     let least = places
         .iter()
         .enumerate()
         .flat_map(|(k, a)| places[..k].iter().map(move |b| a.distance_squared(*b)))
         .fold(f64::INFINITY, f64::min);
-    assert!(least.sqrt() > 0.01, "{}", least.sqrt());
+    assert!(least.sqrt() > 0.015, "{}", least.sqrt());
 }
 
 #[test]

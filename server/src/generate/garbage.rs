@@ -20,8 +20,8 @@ const OBJECTS: usize = 2500;
 /// Triangles of all objects together.
 const TRIANGLES: usize = 5_331_146;
 /// Inner radius of the basket and height of its rim.
-const RADIUS_M: f32 = 0.4;
-const RIM_M: f32 = 0.86;
+const RADIUS_M: f32 = 0.52;
+const RIM_M: f32 = 0.96;
 
 /// What lies in the basket many times.
 struct Kind {
@@ -91,7 +91,7 @@ fn basket(triangles: usize) -> Geometry {
     let mut g = Geometry::default();
     let (steel, enamel) = (srgb(120, 132, 140), srgb(36, 96, 84));
     let radius = RADIUS_M + 0.02;
-    for (y, thickness) in [(0.012, 0.012), (0.29, 0.006), (0.57, 0.006), (RIM_M, 0.014)] {
+    for (y, thickness) in [(0.012, 0.012), (0.32, 0.006), (0.64, 0.006), (RIM_M, 0.014)] {
         g.torus(vec3(0.0, y, 0.0), radius, thickness, [48, 4], steel);
     }
     g.lathe(Vec3::ZERO, &[(0.0, 0.001), (radius, 0.001)], 48, steel);
@@ -105,7 +105,7 @@ fn basket(triangles: usize) -> Geometry {
         g.tube(&[foot, foot + vec3(0.0, RIM_M, 0.0)], 0.004, WIRE_SIDES, steel);
     }
     let left = triangles - g.triangles();
-    let (half, low, high, z) = (0.08, 0.66, 0.76, radius + 0.016);
+    let (half, low, high, z) = (0.1, 0.73, 0.85, radius + 0.016);
     let corners = [vec3(-half, low, z), vec3(half, low, z), vec3(half, high, z), vec3(-half, high, z)];
     shapes::plate(&mut g, corners, left, enamel);
     g

@@ -6,9 +6,11 @@ use super::{RADIUS_M, RIM_M};
 use crate::generate::random::Random;
 use glam::{Vec3, vec3};
 
-const STEPS: usize = 200;
+/// Steps in which balls sink, and steps after those in which they only make room for each other.
+const SINKING: usize = 90;
+const RESTING: usize = 60;
 /// How far a ball sinks in a step.
-const SINK_M: f32 = 0.008;
+const SINK_M: f32 = 0.006;
 /// Above the rim the heap narrows by so much a metre.
 const SLOPE: f32 = 1.1;
 /// The cone's top is so wide, or balls would stand on each other in a line.
@@ -24,8 +26,10 @@ pub fn settle(radii_m: impl Iterator<Item = f32>, random: &mut Random) -> Vec<Ve
     assert!(radii.iter().all(|radius| 2.0 * radius <= CELL_M));
     let mut places: Vec<Vec3> = (0..radii.len()).map(|k| drop_from(k as f32 / radii.len() as f32, random)).collect();
     let mut cells: Vec<Vec<usize>> = vec![Vec::new(); CELLS * CELLS * LAYERS];
-    for _ in 0..STEPS {
-        places.iter_mut().for_each(|place| place.y -= SINK_M);
+    for step in 0..SINKING + RESTING {
+        if step < SINKING {
+            places.iter_mut().for_each(|place| place.y -= SINK_M);
+        }
         cells.iter_mut().for_each(Vec::clear);
         for (k, place) in places.iter().enumerate() {
             let [x, y, z] = cell(*place);
