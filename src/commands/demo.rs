@@ -38,7 +38,8 @@ use crate::show::{self, Record};
 pub struct Options {
     #[command(flatten)]
     wall: WallChoice,
-    /// A glTF, GLB or package file, or the name of a generated scene: city, plant, palace, boxes or boxes:LEAVES.
+    /// A glTF, GLB or package file, or the name of a generated scene: city, plant, palace, cathedrals, forest, garbage, boxes or
+    /// boxes:LEAVES.
     #[arg(long, value_name = "FILE|NAME", default_value = "city")]
     scene: String,
     /// Camera path: a file, or a walk made for the scene: orbit, whole, interior, flythrough, pan.

@@ -10,7 +10,7 @@ use crate::say::say;
 /// What to generate and where to.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Name of the scene: city, plant, palace or boxes.
+    /// Name of the scene: city, plant, palace, cathedrals, forest, garbage or boxes.
     scene: GeneratedScene,
     /// The GLB file to write.
     #[arg(long, value_name = "FILE")]

@@ -135,20 +135,8 @@ fn draw(random: &mut Random, center: Vec3, radius_m: f32, height_m: f32) -> Inst
     let size_m = SMALLEST_M * (1u32 << octave) as f32 * random.range(1.0, 2.0);
     Instance {
         translation: (center + vec3(x * radius_m, y * height_m, z * radius_m)).to_array(),
-        rotation: rotation(random).map(|c| (c * f32::from(i16::MAX)).round() as i16),
+        rotation: random.rotation().map(|c| (c * f32::from(i16::MAX)).round() as i16),
         scale: [size_m * random.range(0.6, 1.2), size_m * random.range(0.6, 1.2), size_m],
-    }
-}
-
-/// A quaternion, all rotations equally likely: a direction in four dimensions (Shoemake, "Uniform random rotations",
-/// Graphics Gems III, 1992), here by rejection, which needs no trigonometry.
-fn rotation(random: &mut Random) -> [f32; 4] {
-    loop {
-        let q = [(); 4].map(|()| random.range(-1.0, 1.0));
-        let length_squared: f32 = q.iter().map(|c| c * c).sum();
-        if (0.01..=1.0).contains(&length_squared) {
-            return q.map(|c| c / length_squared.sqrt());
-        }
     }
 }
 

@@ -265,6 +265,11 @@ impl GlbWriter {
         self.mesh_triangles[mesh.0 as usize] as usize
     }
 
+    /// Triangles so far, every use of a mesh counted.
+    pub fn triangles(&self) -> u64 {
+        self.triangles
+    }
+
     /// Nodes so far that have a mesh, and nodes that have none.
     pub fn leaves_and_groups(&self) -> [usize; 2] {
         let leaves = self.nodes.iter().filter(|node| node.mesh.is_some()).count();

@@ -49,4 +49,16 @@ impl Random {
     pub fn pick<'a, T>(&mut self, list: &'a [T]) -> &'a T {
         &list[self.below(list.len())]
     }
+
+    /// A unit quaternion x, y, z, w, all rotations equally likely: a direction in four dimensions (Shoemake, "Uniform
+    /// random rotations", Graphics Gems III, 1992), here by rejection, which needs no trigonometry.
+    pub fn rotation(&mut self) -> [f32; 4] {
+        loop {
+            let q = [(); 4].map(|()| self.range(-1.0, 1.0));
+            let length_squared: f32 = q.iter().map(|c| c * c).sum();
+            if (0.01..=1.0).contains(&length_squared) {
+                return q.map(|c| c / length_squared.sqrt());
+            }
+        }
+    }
 }
