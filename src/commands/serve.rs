@@ -121,7 +121,7 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.security = security;
     show_options.frames = options.frames;
     show_options.standby_of = options.standby_of.as_deref().map(with_port);
-    show_options.library = options.steering.library()?;
+    show_options.insert_from = options.steering.packages()?;
     show_options.rate = if rate_hz == 0.0 { Rate::AsFastAsPossible } else { Rate::Hz(rate_hz) };
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);
 

@@ -60,11 +60,11 @@ impl Steering {
         }
         let is_of_use = self.insert_from.is_none() || self.control.is_some() || standby_of.is_some();
         ensure!(is_of_use, "--library: nobody could insert anything; add --control, or --standby-of");
-        self.library().map(|_| ())
+        self.packages().map(|_| ())
     }
 
     /// What may be inserted.
-    pub fn library(&self) -> Result<Option<Library>> {
+    pub fn packages(&self) -> Result<Option<Library>> {
         let open = |folder: &PathBuf| Library::open(folder).with_context(|| format!("--library: {}", folder.display()));
         self.insert_from.as_ref().map(open).transpose()
     }
@@ -80,7 +80,7 @@ impl Steering {
         metrics: MetricsReader,
     ) -> Result<Steered> {
         let (mut inlet, batches, questions) = control::channel(wall, package);
-        if let Some(library) = self.library()? {
+        if let Some(library) = self.packages()? {
             inlet = inlet.inserting_from(library).context("--library")?;
         }
         let mut driver = Driver::new(Arc::clone(wall), path, batches);

@@ -90,7 +90,7 @@ pub struct ShowOptions {
     /// How that one is reached.
     pub connector: Connector,
     /// Packages that other masters may insert: a standby must have what its master's scene grows by.
-    pub library: Option<Library>,
+    pub insert_from: Option<Library>,
     /// Makes session numbers unguessable; `None`: random bytes, fresh for each run. Fixed ones let a simulation be run again.
     pub session_seed: Option<[u8; 32]>,
     /// Tells whoever steers the show when this master stands by, and what it goes on from.
@@ -109,7 +109,7 @@ impl ShowOptions {
             rate: Rate::Hz(wall.rate_hz()),
             standby_of: None,
             connector: Connector::default(),
-            library: None,
+            insert_from: None,
             session_seed: None,
             succession: Succession::default(),
         }
@@ -220,7 +220,7 @@ pub async fn serve_over(mut listener: impl Listener, mut show: Show) -> Result<S
         let inherited = match &other {
             None => None,
             Some(master) => {
-                let scenes = Scenes::new(&first, &grown, show.options.library.clone());
+                let scenes = Scenes::new(&first, &grown, show.options.insert_from.clone());
                 match standby::stand_by(&listener, master, &mut show, &identity, (scenes, own.clone())).await? {
                     Some(heard) => Some(standby::handed_on(own.take(), heard, &mut grown)),
                     None => return Ok(report), // the show ended before it was this master's turn

@@ -46,7 +46,7 @@ pub(super) enum Entry {
 
 /// Follows a master's insertions with packages of its own library.
 pub(super) struct Scenes {
-    library: Option<Library>,
+    packages: Option<Library>,
     /// What the show began with.
     first: Grown,
     /// Of the newest course.
@@ -67,7 +67,7 @@ impl Scenes {
     pub fn new(first: &Grown, own: &Grown, library: Option<Library>) -> Self {
         let shown = Scene { grown: own.clone(), fresh: None };
         let (first, is_over) = (first.clone(), Arc::default());
-        Self { library, first, shown, next: None, wanted: None, work: None, is_over, has_failed: false, said: None }
+        Self { packages: library, first, shown, next: None, wanted: None, work: None, is_over, has_failed: false, said: None }
     }
 
     /// A connection to a master begins.
@@ -172,7 +172,7 @@ impl Scenes {
         let is_part = |grown: &&Grown| insertions.starts_with(grown.insertions());
         let known = [self.next.as_ref().map(|next| &next.grown), Some(&self.shown.grown)];
         let from = known.into_iter().flatten().find(is_part).unwrap_or(&self.first).clone();
-        let (library, is_over) = (self.library.clone(), Arc::clone(&self.is_over));
+        let (library, is_over) = (self.packages.clone(), Arc::clone(&self.is_over));
         spawn_blocking(move || prepare(from, insertions, library.as_ref(), &is_over))
     }
 }
@@ -227,15 +227,15 @@ mod tests {
             Self { folder, runtime: tokio::runtime::Builder::new_current_thread().build().unwrap() }
         }
 
-        fn library(&self) -> Library {
+        fn open(&self) -> Library {
             Library::open(self.folder.path()).unwrap()
         }
 
         /// A standby whose own scene has grown by these.
         fn standby(&self, own: &[&str]) -> Scenes {
             let first = Grown::new(Arc::default()).unwrap();
-            let own = own.iter().fold(first.clone(), |grown, name| grown.with(&insertion(name), Some(&self.library())).unwrap());
-            Scenes::new(&first, &own, Some(self.library()))
+            let own = own.iter().fold(first.clone(), |grown, name| grown.with(&insertion(name), Some(&self.open())).unwrap());
+            Scenes::new(&first, &own, Some(self.open()))
         }
 
         /// The next so many answers, and that there is none after them.
@@ -360,7 +360,7 @@ mod tests {
         let answers = stage.answers(&mut scenes, 1);
         assert!(matches!(&answers[..], [ToMaster::Unprepared { epoch: 3, .. }]), "{answers:?}");
         let mut without = stage.standby(&[]);
-        without.library = None;
+        without.packages = None;
         without.want(wanted(0, &["a"]));
         let answers = stage.answers(&mut without, 2);
         assert!(matches!(&answers[1], ToMaster::Unprepared { reason, .. } if reason.contains("--library")), "{answers:?}");
