@@ -86,8 +86,7 @@ impl Renderer {
     pub(super) fn note_seen(&mut self, at: usize, result: &mut PassResult) -> Result<(), GpuError> {
         let Some(first) = &mut self.targets[at].first else { return Ok(()) };
         first.read_seen(&self.gpu, &mut self.culling.seen)?;
-        let mut seen = result.seen.take().unwrap_or_default();
-        seen.clear();
+        let mut seen = VisibleSet::default();
         for (tested, word) in first.tested.iter().zip(&self.culling.seen) {
             let Some(tested) = tested else { continue };
             if tested.is_seen || *word != 0 {

@@ -243,7 +243,7 @@ impl First {
         read.map_async(wgpu::MapMode::Read, range.clone(), |_| {}); // a failure shows when the range is asked for
         gpu.wait(None)?;
         let mapped = read.get_mapped_range(range).map_err(|e| GpuError::Refused(e.to_string()))?;
-        seen.extend_from_slice(&bytemuck::pod_collect_to_vec::<u8, u32>(&mapped));
+        seen.extend(mapped.chunks_exact(size_of::<u32>()).map(bytemuck::pod_read_unaligned::<u32>));
         drop(mapped);
         read.unmap();
         Ok(())
@@ -282,7 +282,7 @@ fn first_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
 }
 
 fn boxes_pipeline(device: &wgpu::Device, boxes: &wgpu::BindGroupLayout, first: &wgpu::BindGroupLayout) -> wgpu::RenderPipeline {
-    let source = wgpu::ShaderSource::Wgsl(include_str!("shaders/boxes.wgsl").into());
+    let source = wgpu::ShaderSource::Wgsl(concat!(include_str!("shaders/box.wgsl"), include_str!("shaders/boxes.wgsl")).into());
     let module = &device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("boxes"), source });
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("boxes"),
@@ -309,7 +309,7 @@ fn boxes_pipeline(device: &wgpu::Device, boxes: &wgpu::BindGroupLayout, first: &
 }
 
 fn release_pipeline(device: &wgpu::Device, layout: &wgpu::BindGroupLayout) -> wgpu::ComputePipeline {
-    let source = wgpu::ShaderSource::Wgsl(include_str!("shaders/release.wgsl").into());
+    let source = wgpu::ShaderSource::Wgsl(concat!(include_str!("shaders/box.wgsl"), include_str!("shaders/release.wgsl")).into());
     let module = &device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("release"), source });
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("release"),

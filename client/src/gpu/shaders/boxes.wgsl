@@ -1,19 +1,5 @@
 // Whether anything of a leaf's box is seen beyond what was drawn first: one word for each draw.
 
-struct Box {
-    min: vec3f,
-    // Index in clip_from_local.
-    record: u32,
-    max: vec3f,
-    // Which draw it is of.
-    draw: u32,
-    // Not 0: the object's transform turns the winding around.
-    is_mirrored: u32,
-    // Not 0: the draw waits for what comes of this.
-    is_late: u32,
-    unused: vec2u,
-}
-
 @group(0) @binding(0) var<storage, read> clip_from_local: array<mat4x4f>;
 @group(0) @binding(1) var<storage, read> boxes: array<Box>;
 @group(0) @binding(2) var<storage, read_write> is_seen: array<u32>;

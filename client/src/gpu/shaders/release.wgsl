@@ -1,15 +1,5 @@
 // Lets those draws through that waited and are seen.
 
-struct Box {
-    min: vec3f,
-    record: u32,
-    max: vec3f,
-    draw: u32,
-    is_mirrored: u32,
-    is_late: u32,
-    unused: vec2u,
-}
-
 // index_count, instance_count, first_index, base_vertex, first_instance
 const WORDS: u32 = 5u;
 
