@@ -34,22 +34,46 @@ pub(super) enum Turn {
     Late,
 }
 
+/// Where a pipeline's base colour comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Surface {
+    /// Factor and vertices alone: to sample a white texel costs a software renderer more than all the rest of a fragment.
+    Plain,
+    Textured,
+}
+
 /// A pipeline's number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PipelineKey(u8);
 
-impl PipelineKey {
-    const COVERAGES: [Coverage; 3] = [Coverage::Opaque, Coverage::Masked, Coverage::Blended];
-    const SIDES: [Sides; 3] = [Sides::Both, Sides::Front, Sides::FrontMirrored];
+/// All that a pipeline is made for.
+type Kind = (Coverage, Surface, Sides, Turn);
 
-    pub fn new(coverage: Coverage, sides: Sides) -> Self {
-        Self(coverage as u8 * 3 + sides as u8)
+impl PipelineKey {
+    /// How many pipelines there are before those of the late turn.
+    const FIRST_TURN: u8 = 18;
+
+    pub fn new(coverage: Coverage, surface: Surface, sides: Sides) -> Self {
+        Self((coverage as u8 * 2 + surface as u8) * 3 + sides as u8)
     }
 
     /// The same in another turn. Blended leaves have but one.
     pub fn in_turn(self, turn: Turn) -> Self {
-        let is_solid = self.0 < Coverage::Blended as u8 * 3;
-        if turn == Turn::Late && is_solid { Self(self.0 + FIRST_TURN) } else { self }
+        let is_solid = self.0 < Coverage::Blended as u8 * 6;
+        if turn == Turn::Late && is_solid { Self(self.0 + Self::FIRST_TURN) } else { self }
+    }
+
+    /// Every kind of a turn, in the order of the numbers.
+    fn kinds(turn: Turn) -> impl Iterator<Item = Kind> {
+        let coverages = match turn {
+            Turn::First => &[Coverage::Opaque, Coverage::Masked, Coverage::Blended][..],
+            Turn::Late => &[Coverage::Opaque, Coverage::Masked],
+        };
+        let sides = move |coverage, surface| {
+            [Sides::Both, Sides::Front, Sides::FrontMirrored].map(move |sides| (coverage, surface, sides, turn))
+        };
+        let surfaces = move |coverage| [Surface::Plain, Surface::Textured].into_iter().flat_map(move |s| sides(coverage, s));
+        coverages.iter().flat_map(move |&coverage| surfaces(coverage))
     }
 }
 
@@ -62,9 +86,6 @@ impl Coverage {
         }
     }
 }
-
-/// How many pipelines there are before those of the late turn.
-const FIRST_TURN: u8 = 9;
 
 /// Layouts and pipelines for one choice of attachments.
 pub(super) struct Pipelines {
@@ -93,17 +114,13 @@ impl Pipelines {
             bind_group_layouts: &[Some(&view_layout), Some(&texture_layout)],
             immediate_size: 0,
         });
-        let by_key = (PipelineKey::COVERAGES.into_iter())
-            .flat_map(|coverage| {
-                PipelineKey::SIDES.map(|sides| pipeline(device, &module, &layout, attachments, (coverage, sides, Turn::First)))
-            })
-            .collect();
+        let by_key = PipelineKey::kinds(Turn::First).map(|kind| pipeline(device, &module, &layout, attachments, kind)).collect();
         Self { view_layout, texture_layout, module, attachments, by_key }
     }
 
     /// Makes those of the late turn, if they are not there.
     pub fn add_late(&mut self, gpu: &Gpu, first_layout: &wgpu::BindGroupLayout) {
-        if self.by_key.len() > usize::from(FIRST_TURN) {
+        if self.by_key.len() > usize::from(PipelineKey::FIRST_TURN) {
             return;
         }
         let device = &gpu.device;
@@ -112,11 +129,8 @@ impl Pipelines {
             bind_group_layouts: &[Some(&self.view_layout), Some(&self.texture_layout), Some(first_layout)],
             immediate_size: 0,
         });
-        for coverage in [Coverage::Opaque, Coverage::Masked] {
-            for sides in PipelineKey::SIDES {
-                self.by_key.push(pipeline(device, &self.module, &layout, self.attachments, (coverage, sides, Turn::Late)));
-            }
-        }
+        let late = PipelineKey::kinds(Turn::Late);
+        self.by_key.extend(late.map(|kind| pipeline(device, &self.module, &layout, self.attachments, kind)));
     }
 
     pub fn get(&self, key: PipelineKey) -> &wgpu::RenderPipeline {
@@ -129,7 +143,7 @@ fn pipeline(
     module: &wgpu::ShaderModule,
     layout: &wgpu::PipelineLayout,
     attachments: Attachments,
-    (coverage, sides, turn): (Coverage, Sides, Turn),
+    (coverage, surface, sides, turn): Kind,
 ) -> wgpu::RenderPipeline {
     let (entry_point, blend) = match (coverage, turn) {
         (Coverage::Opaque, Turn::First) => ("opaque", None),
@@ -184,7 +198,10 @@ fn pipeline(
         fragment: Some(wgpu::FragmentState {
             module,
             entry_point: Some(entry_point),
-            compilation_options: Default::default(),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants: &[("is_textured", f64::from(u8::from(surface == Surface::Textured)))],
+                ..Default::default()
+            },
             targets,
         }),
         multiview_mask: None,

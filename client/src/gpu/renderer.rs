@@ -11,7 +11,7 @@ use super::arena::{Arena, Slot};
 use super::culled::Culling;
 use super::device::{Gpu, GpuError};
 use super::draws::{DrawBuffers, DrawList, Instance, State};
-use super::pipelines::{Coverage, PipelineKey, Pipelines, Sides, Turn};
+use super::pipelines::{Coverage, PipelineKey, Pipelines, Sides, Surface, Turn};
 use super::targets::{Attachments, CLEAR_COLOR, Shown, Target};
 use super::upload::{self, Materials, UploadError};
 use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
@@ -234,7 +234,6 @@ impl Renderer {
 
     /// Boxes are the cube, stretched. Their inner sides are dropped: a box around the eye would hide everything.
     pub(super) fn list_boxes(&mut self, pass: &PassPlan) {
-        const NO_TEXTURE: u32 = 0;
         let begin = self.list.arguments.len() as u32;
         for &number in &pass.boxes {
             let Some(leaf) = self.manifest.leaves.get(number as usize) else { continue };
@@ -243,8 +242,8 @@ impl Renderer {
             let record = self.list.records.len() as u32;
             self.list.records.push(pass.projection.clip_from_local(&world_from_box).to_cols_array());
             let sides = if self.mirrored[object] { Sides::FrontMirrored } else { Sides::Front };
-            let pipeline = PipelineKey::new(Coverage::Opaque, sides);
-            let state = State { pipeline, texture: NO_TEXTURE, page: self.cube.page };
+            let pipeline = PipelineKey::new(Coverage::Opaque, Surface::Plain, sides);
+            let state = State { pipeline, texture: Materials::NO_TEXTURE, page: self.cube.page };
             let instance = Instance { record, material: leaf.material.0, leaf: number };
             self.list.push(state, instance, (self.cube.first_index, self.cube.index_count), self.cube.first_vertex);
         }
@@ -270,7 +269,7 @@ impl Renderer {
                 (false, false) => Sides::Front,
                 (false, true) => Sides::FrontMirrored,
             };
-            let pipeline = PipelineKey::new(material.coverage, sides).in_turn(turn);
+            let pipeline = PipelineKey::new(material.coverage, material.surface(), sides).in_turn(turn);
             let state = State { pipeline, texture: material.texture, page: slot.page };
             let instance = Instance { record: self.recorded[object].1, material: record.material.0, leaf };
             self.list.push(state, instance, (slot.first_index, slot.index_count), slot.first_vertex);

@@ -8,7 +8,7 @@ use thiserror::Error;
 
 use super::arena::{Arena, Slot, Vertex};
 use super::device::{Gpu, GpuError};
-use super::pipelines::{Coverage, bind_texture};
+use super::pipelines::{Coverage, Surface, bind_texture};
 use super::textures;
 
 /// Why a chunk was not taken.
@@ -46,6 +46,12 @@ pub(super) struct MaterialState {
     pub texture: u32,
 }
 
+impl MaterialState {
+    pub fn surface(&self) -> Surface {
+        if self.texture == Materials::NO_TEXTURE { Surface::Plain } else { Surface::Textured }
+    }
+}
+
 /// Materials and their textures.
 pub(super) struct Materials {
     pub buffer: wgpu::Buffer,
@@ -67,6 +73,9 @@ struct ResidentTexture {
 }
 
 impl Materials {
+    /// The binding of what has no texture.
+    pub const NO_TEXTURE: u32 = 0;
+
     pub fn new(gpu: &Gpu, manifest: &SceneManifest, layout: &wgpu::BindGroupLayout) -> Self {
         let (white, _) = textures::create(gpu, textures::white());
         let (checker, _) = textures::create(gpu, textures::checker());
@@ -94,7 +103,7 @@ impl Materials {
 
     fn add(&mut self, gpu: &Gpu, materials: &[Material]) {
         for material in materials {
-            let texture = material.texture.map_or(0, |texture| self.number(gpu, texture));
+            let texture = material.texture.map_or(Self::NO_TEXTURE, |texture| self.number(gpu, texture));
             self.states.push(MaterialState { coverage: Coverage::of(material), double_sided: material.double_sided, texture });
         }
     }

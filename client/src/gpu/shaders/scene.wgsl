@@ -88,8 +88,15 @@ fn light(in: Fragment) -> f32 {
     return AMBIENT + SUN * max(dot(normal, TOWARDS_SUN), 0.0) + HEAD * max(dot(normal, -ray), 0.0);
 }
 
+// Whether the base colour has a texture.
+override is_textured: bool = true;
+
 // Base colour before light. The level of detail is isotropic, of the larger of the two footprints.
 fn base_color(in: Fragment) -> vec4f {
+    let factor = in.color * materials[in.leaf.x].base_color;
+    if !is_textured {
+        return factor;
+    }
     let uv = in.uv_w.xy;
     let w = in.uv_w.z;
     let over_w = 1.0 / w;
@@ -99,7 +106,7 @@ fn base_color(in: Fragment) -> vec4f {
     let down = (dpdy(uv_over_w) - uv * dpdy(over_w)) * w * size;
     let footprint = max(max(dot(across, across), dot(down, down)), LEAST_FOOTPRINT);
     let texel = textureSampleLevel(base_color_texture, base_color_sampler, uv, 0.5 * log2(footprint));
-    return texel * in.color * materials[in.leaf.x].base_color;
+    return texel * factor;
 }
 
 // Depth, rounded away from the eye to 1/32768 of itself.
