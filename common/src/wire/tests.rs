@@ -287,6 +287,8 @@ fn caps_hold_both_ways() {
     assert!(matches!(wanted.encode(&mut out), Err(WireError::Limit { .. })));
     assert!(matches!(ToMaster::decode(&[tag(4); MAX_TO_MASTER_BYTES + 1]), Err(WireError::Limit { .. })));
     assert_eq!(Bye::new(ByeCode::Failed, "é".repeat(MAX_REASON_BYTES)).reason.len(), MAX_REASON_BYTES);
+    let across_the_cap = format!("a{}", "é".repeat(MAX_REASON_BYTES));
+    assert_eq!(Bye::new(ByeCode::Failed, across_the_cap).reason.len(), MAX_REASON_BYTES - 1, "no character is cut in two");
 
     let claims = |list: u64| [&[tag(11)][..], &list.to_le_bytes()].concat();
     assert!(Want::decode(&claims(u64::MAX)).is_err());
