@@ -234,6 +234,7 @@ impl<'a> Painter<'a> {
             transforms: self.renderer.transforms(),
             resident: &|_| true,
             when_missing: WhenMissing::Hold,
+            has_changed: true,
         });
         self.renderer.draw(plan)?;
         Ok(Picture { color: self.renderer.read_color(target)?, ids: self.renderer.read_ids(target)? })

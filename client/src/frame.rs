@@ -5,12 +5,14 @@
 //! is then the same picture as a tile drawn from all leaves.
 
 use glam::DVec3;
+use mullion_common::geometry::Aabb;
 use mullion_common::scene::{AlphaMode, ChunkId, LeafRecord, SceneManifest, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId};
 
 use crate::missing::WhenMissing;
-use crate::occlusion::Occlusion;
+use crate::occlusion::view::CulledView;
+use crate::occlusion::{BoxTest, Occlusion};
 
 /// What the planner needs to know of one frame.
 pub struct FrameInput<'a> {
@@ -26,6 +28,8 @@ pub struct FrameInput<'a> {
     pub resident: &'a dyn Fn(ChunkId) -> bool,
     /// What becomes of the views' missing leaves. All but boxes are left out.
     pub when_missing: WhenMissing,
+    /// An object stands elsewhere than in the last frame, or is drawn otherwise.
+    pub has_changed: bool,
 }
 
 /// What the planner needs to know of one view.
@@ -52,6 +56,8 @@ pub struct PassPlan {
     pub view: ViewId,
     /// From where.
     pub projection: Projection,
+    /// 0: the picture begins with this. Later rounds draw beyond what is there.
+    pub round: u32,
     /// Opaque and masked leaves, drawn in ascending order.
     pub opaque: VisibleSet,
     /// With occlusion culling those of `opaque` that are drawn at once. The others, and blended ones, are drawn where their boxes are seen
@@ -60,12 +66,25 @@ pub struct PassPlan {
     /// Which of `first` are tested whether they are still seen: those whose number leaves `turn` when divided by `every`. The others
     /// count as seen.
     pub retest: Retest,
+    /// What is tested once this round is drawn, where nothing of it waits.
+    pub bounds: Vec<Bound>,
+    /// How boxes are tested, with occlusion culling.
+    pub test: BoxTest,
     /// Blended leaves, drawn in this order: back to front, ties by leaf.
     pub blended: Vec<u32>,
     /// Leaves drawn as boxes, whatever their material: opaque, after all that is opaque and before all that is blended. Ascending.
     pub boxes: Vec<u32>,
     /// Leaves left out: not all of their chunks are there, and no box is drawn for them.
     pub missing: u32,
+}
+
+/// What may be hidden as one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Bound {
+    /// A leaf's box.
+    Leaf(u32),
+    /// A box along the world's axes, metres.
+    World(Aabb),
 }
 
 /// Some leaves, evenly chosen.
@@ -87,10 +106,6 @@ impl Retest {
     }
 }
 
-/// Frames in which every leaf that is seen is tested once: its box is drawn over most of what it covers itself, and what became hidden may be
-/// drawn that much longer.
-const RETEST_FRAMES: u32 = 4;
-
 /// What came of a plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PassResults {
@@ -109,10 +124,24 @@ pub struct PassResult {
     pub boxes: u32,
     /// Triangles drawn, those of boxes among them.
     pub triangles: u64,
+    /// Triangles of leaves that waited, and are hidden.
+    pub hidden_triangles: u64,
     /// Runs of leaves drawn with one state.
     pub batches: u32,
     /// With occlusion culling all leaves whose boxes are seen beyond those that were drawn at once, these among them.
     pub seen: Option<VisibleSet>,
+    /// Of each of the plan's bounds whether it is seen beyond what is drawn. Empty where the GPU cannot tell.
+    pub bounds_seen: Vec<bool>,
+    /// With occlusion culling, where the GPU has a clock.
+    pub times: Option<Times>,
+}
+
+/// What a GPU was busy with, microseconds of its own clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[allow(missing_docs)]
+pub struct Times {
+    pub draw_us: f64,
+    pub test_us: f64,
 }
 
 /// Plans frames. Keeps its memory from frame to frame.
@@ -123,9 +152,9 @@ pub struct Planner {
     /// Squared distance and leaf.
     keyed: Vec<(f64, u32)>,
     occlusion: Occlusion,
-    /// What was seen of each view in the last frame, with occlusion culling.
-    seen: Vec<(ViewId, VisibleSet)>,
+    leaves_off: bool,
     frames: u32,
+    culled: Vec<CulledView>,
 }
 
 impl Planner {
@@ -140,12 +169,26 @@ impl Planner {
         Self { occlusion, ..self }
     }
 
+    /// The same, but where occlusion culling costs more than it saves it is left off for a while, by the GPU's clock. Of
+    /// [`Occlusion::Hiz`] alone.
+    #[must_use]
+    pub fn while_worth(self) -> Self {
+        Self { leaves_off: true, ..self }
+    }
+
     /// Starts a frame and returns its first round. A frame that was not complete is dropped.
     pub fn begin(&mut self, input: FrameInput<'_>) -> &FramePlan {
         self.spare_passes.append(&mut self.plan.passes);
         self.frames = self.frames.wrapping_add(1);
         for view in input.views {
-            let pass = self.plan_pass(&input, view);
+            let mut pass = self.plan_pass(&input, view);
+            if self.occlusion != Occlusion::Off {
+                let at = self.culled.iter().position(|culled| culled.view() == view.view).unwrap_or_else(|| {
+                    self.culled.push(CulledView::new(view.view, self.occlusion, self.leaves_off));
+                    self.culled.len() - 1
+                });
+                self.culled[at].begin(&input, &mut pass, self.frames);
+            }
             self.plan.passes.push(pass);
         }
         &self.plan
@@ -154,21 +197,25 @@ impl Planner {
     /// Takes the results of the last round and returns the next, or `None` when the frame is complete.
     pub fn feed(&mut self, results: &PassResults) -> Option<&FramePlan> {
         debug_assert_eq!(results.passes.len(), self.plan.passes.len(), "results of another plan");
+        let mut at = 0;
         for result in &results.passes {
-            let Some(seen) = &result.seen else { continue };
-            match self.seen.iter_mut().find(|(view, _)| *view == result.view) {
-                Some((_, before)) => before.clone_from(seen),
-                None => self.seen.push((result.view, seen.clone())),
+            let culled = self.culled.iter_mut().find(|culled| culled.view() == result.view);
+            if culled.is_some_and(|culled| culled.go_on(result, &mut self.plan.passes[at])) {
+                at += 1;
+            } else {
+                self.spare_passes.push(self.plan.passes.remove(at));
             }
         }
-        None // one round: what was seen is for the next frame
+        (!self.plan.passes.is_empty()).then_some(&self.plan)
     }
 
     fn plan_pass(&mut self, input: &FrameInput<'_>, view: &ViewInput<'_>) -> PassPlan {
-        let mut pass = self.spare_passes.pop().unwrap_or_else(|| PassPlan::empty(view));
+        let mut pass = self.spare_passes.pop().unwrap_or_else(|| PassPlan::new(view.view, view.projection));
         (pass.view, pass.projection, pass.missing) = (view.view, view.projection, 0);
+        pass.round = 0;
         pass.opaque.clear();
-        let mut first = pass.first.take().unwrap_or_default();
+        pass.bounds.clear();
+        pass.first = None;
         pass.blended.clear();
         pass.boxes.clear();
         self.keyed.clear();
@@ -193,26 +240,26 @@ impl Planner {
         }
         self.keyed.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         pass.blended.extend(self.keyed.iter().map(|&(_, leaf)| leaf));
-        if self.occlusion == Occlusion::TwoPass {
-            let seen = self.seen.iter().find(|(of, _)| *of == view.view).map(|(_, seen)| seen);
-            // All at once in the first frame: what they hide is known in the next.
-            match seen {
-                Some(seen) => pass.opaque.intersection_into(seen, &mut first),
-                None => first.clone_from(&pass.opaque),
-            }
-            let in_turn = Retest { every: RETEST_FRAMES, turn: self.frames % RETEST_FRAMES };
-            pass.retest = seen.map_or(Retest::ALL, |_| in_turn);
-            pass.first = Some(first);
-        }
         pass
     }
 }
 
 impl PassPlan {
-    fn empty(view: &ViewInput<'_>) -> Self {
-        let (view, projection) = (view.view, view.projection);
-        let opaque = VisibleSet::default();
-        Self { view, projection, opaque, first: None, retest: Retest::ALL, blended: Vec::new(), boxes: Vec::new(), missing: 0 }
+    /// A pass that draws nothing.
+    pub fn new(view: ViewId, projection: Projection) -> Self {
+        Self {
+            view,
+            projection,
+            round: 0,
+            opaque: VisibleSet::default(),
+            first: None,
+            retest: Retest::ALL,
+            bounds: Vec::new(),
+            test: BoxTest::Drawn,
+            blended: Vec::new(),
+            boxes: Vec::new(),
+            missing: 0,
+        }
     }
 }
 
@@ -271,7 +318,9 @@ mod tests {
         let views = [ViewInput { view: ViewId(3), projection, visible, missing }];
         let transforms = &manifest.transforms;
         let shared_eye = DVec3::ZERO;
-        planner.begin(FrameInput { views: &views, shared_eye, manifest, transforms, resident, when_missing }).clone()
+        planner
+            .begin(FrameInput { views: &views, shared_eye, manifest, transforms, resident, when_missing, has_changed: true })
+            .clone()
     }
 
     const MASK: AlphaMode = AlphaMode::Mask { cutoff: 0.5 };
@@ -304,7 +353,17 @@ mod tests {
     }
 
     fn result() -> PassResult {
-        PassResult { view: ViewId(3), leaves: 6, boxes: 0, triangles: 6, batches: 2, seen: None }
+        PassResult {
+            view: ViewId(3),
+            leaves: 6,
+            boxes: 0,
+            triangles: 6,
+            hidden_triangles: 0,
+            batches: 2,
+            seen: None,
+            bounds_seen: Vec::new(),
+            times: None,
+        }
     }
 
     #[test]
@@ -357,6 +416,7 @@ mod tests {
             transforms: &moved,
             resident: &|_| true,
             when_missing: WhenMissing::Hold,
+            has_changed: true,
         };
         assert_eq!(planner.begin(input).passes[0].blended, [0, 1]);
     }

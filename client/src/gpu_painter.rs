@@ -47,6 +47,8 @@ struct OpenScene {
     manifest: Arc<SceneManifest>,
     views: Vec<ViewSpec>,
     renderer: Renderer,
+    /// Something stands elsewhere than in the frame before.
+    has_changed: bool,
 }
 
 impl GpuPainter {
@@ -58,7 +60,7 @@ impl GpuPainter {
     /// The same with occlusion culling.
     #[must_use]
     pub fn culling(self, occlusion: Occlusion) -> Self {
-        Self { occlusion, planner: Planner::new().culling(occlusion), ..self }
+        Self { occlusion, planner: Planner::new().culling(occlusion).while_worth(), ..self }
     }
 
     /// What each tile shows, by name; none before the first frame was shown.
@@ -102,14 +104,14 @@ impl Painter for GpuPainter {
         let targets: Vec<ViewTarget> = views.iter().map(|v| ViewTarget { view: v.view, size_px: v.size_px }).collect();
         let attachments = match self.occlusion {
             Occlusion::Off => Attachments::Color,
-            Occlusion::TwoPass => Attachments::ColorAndIds,
+            _ => Attachments::ColorAndIds,
         };
         let renderer = Renderer::new(Arc::clone(&self.gpu), Arc::clone(manifest), &targets, attachments).map_err(failed)?;
-        self.planner = Planner::new().culling(self.occlusion); // it knows another scene's leaves
+        self.planner = Planner::new().culling(self.occlusion).while_worth(); // it knows another scene's leaves
         if let Output::OwnWindow(feed) = &self.output {
             feed.lay_out(layout::lay_out(views)).map_err(|_| PaintError::Closed)?;
         }
-        self.scene = Some(OpenScene { manifest: Arc::clone(manifest), views: views.to_vec(), renderer });
+        self.scene = Some(OpenScene { manifest: Arc::clone(manifest), views: views.to_vec(), renderer, has_changed: true });
         Ok(())
     }
 
@@ -134,13 +136,15 @@ impl Painter for GpuPainter {
     }
 
     fn set_transform(&mut self, moved: &Moved) -> Result<(), PaintError> {
-        self.scene()?.renderer.set_transform(moved.object, moved.transform);
+        let scene = self.scene()?;
+        scene.renderer.set_transform(moved.object, moved.transform);
+        scene.has_changed = true;
         Ok(())
     }
 
     fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
         let start = Instant::now();
-        let Some(OpenScene { manifest, views, renderer }) = &mut self.scene else {
+        let Some(OpenScene { manifest, views, renderer, has_changed }) = &mut self.scene else {
             return Err(PaintError::Failed("a frame before there is a scene".to_owned()));
         };
         let inputs: Vec<ViewInput<'_>> = views
@@ -166,6 +170,7 @@ impl Painter for GpuPainter {
             transforms: renderer.transforms(),
             resident: &resident,
             when_missing: frame.when_missing,
+            has_changed: std::mem::take(has_changed),
         };
         let mut stats = DrawStats::default();
         let mut round = Some(self.planner.begin(input));

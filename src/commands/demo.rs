@@ -54,8 +54,8 @@ pub struct Options {
     /// Show the wall in a window, too.
     #[arg(long)]
     window: bool,
-    /// Leave out what others hide: none or two-pass. The pictures are the same.
-    #[arg(long, value_name = "none|two-pass", default_value_t = Occlusion::Off)]
+    /// Leave out what others hide: none or hiz. The pictures are the same.
+    #[arg(long, value_name = "none|hiz", default_value_t = Occlusion::Off)]
     occlusion: Occlusion,
     /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.
     #[arg(long, default_value = "sweep")]

@@ -51,8 +51,8 @@ pub struct Options {
     /// What to show of what has not come yet: box, hold (the last picture, until everything is there) or nothing.
     #[arg(long, value_name = "box|hold|nothing", default_value_t = WhenMissing::Box)]
     missing: WhenMissing,
-    /// Leave out what others hide: none or two-pass. The pictures are the same.
-    #[arg(long, value_name = "none|two-pass", default_value_t = Occlusion::Off)]
+    /// Leave out what others hide: none or hiz. The pictures are the same.
+    #[arg(long, value_name = "none|hiz", default_value_t = Occlusion::Off)]
     occlusion: Occlusion,
     /// Folder for geometry and textures, so that a restart fetches only what is new; nodes of one machine may share it. The user's cache
     /// folder if left out.

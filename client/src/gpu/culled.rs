@@ -3,23 +3,26 @@
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::device::GpuError;
-use super::occlusion::{BoxTester, Extent, First, Grower, LocalScale, TestBox};
+use super::occlusion::{BoxTester, Buffers, First};
 use super::pipelines::Turn;
 use super::renderer::{Load, Renderer};
-use crate::frame::{PassPlan, PassResult};
+use super::test_box::{Grower, LocalScale, TestBox};
+use super::timer::Pass;
+use crate::frame::{PassPlan, PassResult, Times};
+use crate::occlusion::BoxTest;
 
 /// What a renderer keeps for it.
 #[derive(Default)]
 pub(super) struct Culling {
     /// Looked for when a plan first wants it.
-    tester: Option<Tester>,
+    pub tester: Option<Tester>,
     /// Opaque leaves that wait.
     late: VisibleSet,
-    boxes: Vec<TestBox>,
-    seen: Vec<u32>,
+    pub boxes: Vec<TestBox>,
+    pub seen: Vec<u32>,
 }
 
-enum Tester {
+pub(super) enum Tester {
     There(BoxTester),
     /// The GPU cannot.
     Missing,
@@ -60,32 +63,42 @@ impl Renderer {
         let (late_draws, late_batches) = self.list_turns(pass, first);
         let boxes = self.list_boxes_to_test(at, pass, late_draws);
         self.buffers.write(&self.gpu, &self.list)?;
-        let extent = Extent { boxes: boxes.len() as u32, draws: self.list.arguments.len() as u32 };
+        let asked = self.list.arguments.len() as u32;
         let target = &mut self.targets[at];
         target.write_uniform(&self.gpu, &pass.projection);
         let records = &self.buffers.records;
         target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer), &self.materials.buffer);
         if let Some(first) = &mut target.first {
-            first.write(&self.gpu, &boxes, extent.draws)?;
+            first.write(&self.gpu, &boxes, asked)?;
         }
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
-        let target = &self.targets[at];
-        self.encode(target, &mut encoder, Load::Clear, 0..late_batches);
-        if let (Some(Tester::There(tester)), Some(first), Some((ids, _))) = (&self.culling.tester, &target.first, &target.ids) {
-            first.keep(&mut encoder, &target.depth, ids);
-            let buffers = (&self.buffers.records.buffer, &self.buffers.arguments.buffer);
-            tester.encode(&self.gpu, &mut encoder, (&target.color_view, first), buffers, extent);
-        }
-        self.encode(target, &mut encoder, Load::Keep, late_batches..self.list.batches.len());
+        self.encode(&self.targets[at], &mut encoder, (Load::Clear, Some(Pass::Draws)), 0..late_batches);
+        self.encode_tests(at, &mut encoder, pass.test, true);
+        let late = late_batches..self.list.batches.len();
+        self.encode(&self.targets[at], &mut encoder, (Load::Keep, Some(Pass::Second)), late);
+        self.encode_times(at, &mut encoder);
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         self.culling.boxes = boxes;
         Ok(self.result(pass))
     }
 
+    /// Tests the boxes that were handed over for a target.
+    pub(super) fn encode_tests(&mut self, at: usize, encoder: &mut wgpu::CommandEncoder, test: BoxTest, have_late: bool) {
+        let Some(Tester::There(tester)) = &self.culling.tester else { return };
+        let buffers = Buffers { records: &self.buffers.records, arguments: &self.buffers.arguments, have_late };
+        tester.encode(&self.gpu, encoder, &mut self.targets[at], buffers, test);
+    }
+
+    pub(super) fn encode_times(&self, at: usize, encoder: &mut wgpu::CommandEncoder) {
+        let timer = self.targets[at].first.as_ref().and_then(|first| first.timer.as_ref());
+        timer.inspect(|timer| timer.resolve(encoder));
+    }
+
     /// Waits until a target is drawn, takes what was not from its result, and tells what is seen.
     pub(super) fn note_seen(&mut self, at: usize, result: &mut PassResult) -> Result<(), GpuError> {
         let Some(first) = &mut self.targets[at].first else { return Ok(()) };
-        first.read_seen(&self.gpu, &mut self.culling.seen)?;
+        let times = first.read_seen(&self.gpu, &mut self.culling.seen)?;
+        result.times = times.map(|[first, tested, all]| Times { draw_us: first + all - tested, test_us: tested - first });
         let mut seen = VisibleSet::default();
         for (tested, word) in first.tested.iter().zip(&self.culling.seen) {
             let Some(tested) = tested else { continue };
@@ -94,6 +107,7 @@ impl Renderer {
             } else if tested.is_late {
                 result.leaves -= 1;
                 result.triangles -= u64::from(tested.triangles);
+                result.hidden_triangles += u64::from(tested.triangles);
             }
         }
         seen.normalize();
@@ -141,10 +155,12 @@ impl Renderer {
             };
             let clip_from_local = glam::Mat4::from_cols_array(&self.list.records[instance.record as usize]);
             let is_late = draw >= late_draws;
-            let is_tested = is_late || pass.retest.takes(instance.leaf);
+            let (is_drawn, is_sifted) = (is_late || pass.retest.takes(instance.leaf), pass.test == BoxTest::Sifted);
+            let is_tested = is_drawn || is_sifted;
             let grown = is_tested.then(|| grower.test(&leaf.local_aabb(), &clip_from_local, &scale)).flatten();
             if let Some(grown) = grown {
-                boxes.push(TestBox::new(grown, instance.record, draw, self.mirrored[object], is_late));
+                let bounds = TestBox::new(grown, instance.record, draw, self.mirrored[object], is_late);
+                boxes.push(if is_drawn { bounds } else { bounds.sifted_only() });
                 arguments.instance_count = u32::from(!is_late);
             }
             let triangles = arguments.index_count / 3;

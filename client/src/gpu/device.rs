@@ -188,7 +188,9 @@ fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), G
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("mullion"),
         required_features: adapter.features()
-            & (wgpu::Features::INDIRECT_FIRST_INSTANCE | wgpu::Features::SHADER_EARLY_DEPTH_TEST),
+            & (wgpu::Features::INDIRECT_FIRST_INSTANCE
+                | wgpu::Features::SHADER_EARLY_DEPTH_TEST
+                | wgpu::Features::TIMESTAMP_QUERY),
         required_limits: adapter.limits(),
         ..Default::default()
     };

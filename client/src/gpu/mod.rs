@@ -10,16 +10,22 @@
 //! ```
 
 mod arena;
+mod bindings;
 mod culled;
 mod device;
 mod draws;
 mod occlusion;
 mod pipelines;
 mod present;
+mod pyramid;
+mod queries;
 mod readback;
 mod renderer;
+mod rounds;
 mod targets;
+mod test_box;
 mod textures;
+mod timer;
 mod upload;
 
 pub use device::{DisplayHandle, Gpu, GpuError, GpuOptions};

@@ -1,99 +1,51 @@
-//! Whether leaves are seen beyond what was drawn first: their boxes are drawn against its depth, and draws that wait are let through, all
-//! on the GPU.
+//! Whether boxes are seen beyond what was drawn first, and draws that wait for it, all on the GPU.
 //!
 //! ```text
-//! first draws → copies of depth and leaf ids → boxes → is_seen, a word for each draw → release: instance counts → late draws
+//! first draws → copies of depth and leaf ids → pyramid → sift → boxes → is_seen, a word for each → release: instance counts → late draws
 //! ```
-//! A box is drawn larger than it is by [`GROWN_PX`], so that what it holds covers no pixel that it does not. One that reaches the near
-//! plane is seen. Conservative but for that: a leaf is taken for hidden only where its whole box is.
+//! A box that reaches the near plane is seen. Conservative but for that: something is taken for hidden only where its whole box is.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{DVec3, Mat4, Vec3};
-use mullion_common::geometry::Aabb;
-use mullion_common::wall::Projection;
 
+use super::bindings::{Kind, bind, compute, layout, module, pipeline_layout};
 use super::culled::Tested;
 use super::device::{Gpu, GpuError};
 use super::draws::GrowingBuffer;
-use super::targets::{COLOR_FORMAT, DEPTH_FORMAT, IDS_FORMAT, texture, view_of};
+use super::pyramid::{Pyramid, PyramidMaker};
+use super::queries::Queries;
+use super::targets::{COLOR_FORMAT, DEPTH_FORMAT, IDS_FORMAT, Target, texture, view_of};
+use super::test_box::TestBox;
+use super::timer::{Pass, Timer};
+use crate::occlusion::BoxTest;
 
-/// By how much of a pixel a box is grown on every side: more than the 1/256 to which rasterisers round.
-const GROWN_PX: f64 = 1.0 / 8.0;
 const WORKGROUP: u32 = 64;
+/// Corners of the triangles of a box.
+const BOX_VERTICES: u32 = 36;
 
-/// A box as the shaders take it.
+/// What the shaders know of all boxes.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct TestBox {
-    min: [f32; 3],
-    record: u32,
-    max: [f32; 3],
-    draw: u32,
-    is_mirrored: u32,
-    is_late: u32,
-    unused: [u32; 2],
-}
-const _: () = assert!(size_of::<TestBox>() == 48);
-
-/// Grows boxes for one view.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Grower {
-    /// World units by which a box at distance 1 along the view must grow.
-    grown_m: f64,
-}
-
-/// How an object turns world distances into its own, axis by axis.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct LocalScale(DVec3);
-
-impl LocalScale {
-    pub fn of(world_from_local: &glam::DAffine3) -> Self {
-        let local_from_world = world_from_local.matrix3.inverse();
-        Self(DVec3::from_array([0, 1, 2].map(|row| local_from_world.row(row).length())))
-    }
-}
-
-impl Grower {
-    pub fn new(projection: &Projection, size_px: [u32; 2]) -> Self {
-        let row = |row: usize| projection.clip_from_offset.row(row).truncate();
-        let (along, half_px) = (row(3), size_px.map(|edge| f64::from(edge) / 2.0));
-        // What moves a point across the screen is the part of the row that is across the view.
-        let across = |axis: DVec3| (axis - along * (axis.dot(along) / along.length_squared())).length();
-        let px_per_m = (across(row(0)) * half_px[0]).min(across(row(1)) * half_px[1]);
-        Self { grown_m: GROWN_PX / px_per_m }
-    }
-
-    /// A leaf's box, grown; none where it reaches the near plane or cannot be placed: then it is seen.
-    pub fn test(&self, bounds: &Aabb, clip_from_local: &Mat4, scale: &LocalScale) -> Option<(Vec3, Vec3)> {
-        let (z, w) = (clip_from_local.row(2).as_dvec4(), clip_from_local.row(3).as_dvec4());
-        let (center, half) = (bounds.center(), bounds.size() / 2.0);
-        let reach = |row: glam::DVec4| row.truncate().abs().dot(half);
-        let (w_center, w_reach) = (w.truncate().dot(center) + w.w, reach(w));
-        let grown = scale.0 * (self.grown_m * (w_center + w_reach));
-        let (min, max) = ((bounds.min - grown).as_vec3(), (bounds.max + grown).as_vec3());
-        let reach_grown = reach(w) + w.truncate().abs().dot(grown);
-        let z_max = z.truncate().dot(center) + z.w + reach(z) + z.truncate().abs().dot(grown);
-        // Behind the near plane z > w; a little earlier, lest rounding takes a corner there.
-        let is_clear = (w_center - reach_grown) * 0.999 > z_max;
-        (is_clear && min.is_finite() && max.is_finite()).then_some((min, max))
-    }
-}
-
-impl TestBox {
-    pub fn new((min, max): (Vec3, Vec3), record: u32, draw: u32, is_mirrored: bool, is_late: bool) -> Self {
-        let (is_mirrored, is_late) = (u32::from(is_mirrored), u32::from(is_late));
-        Self { min: min.to_array(), record, max: max.to_array(), draw, is_mirrored, is_late, unused: [0; 2] }
-    }
+struct Work {
+    boxes: u32,
+    /// Of how many spans of the picture one is looked at, and from which on.
+    every: u32,
+    phase: u32,
+    unused: u32,
 }
 
 /// What tests boxes.
 pub(super) struct BoxTester {
     /// What was drawn first: depth, leaf ids.
     pub first_layout: wgpu::BindGroupLayout,
-    boxes_layout: wgpu::BindGroupLayout,
-    boxes_pipeline: wgpu::RenderPipeline,
-    release_layout: wgpu::BindGroupLayout,
-    release_pipeline: wgpu::ComputePipeline,
+    drawn_layout: wgpu::BindGroupLayout,
+    sifted_layout: wgpu::BindGroupLayout,
+    released_layout: wgpu::BindGroupLayout,
+    all: wgpu::RenderPipeline,
+    chosen: wgpu::RenderPipeline,
+    /// Without a shader that notes what is seen.
+    queried: wgpu::RenderPipeline,
+    release: wgpu::ComputePipeline,
+    pyramids: PyramidMaker,
 }
 
 /// A view's part in it.
@@ -101,19 +53,33 @@ pub(super) struct First {
     depth: wgpu::Texture,
     leaves: wgpu::Texture,
     pub bindings: wgpu::BindGroup,
+    pyramid: Pyramid,
     boxes: GrowingBuffer,
-    /// A word for each draw.
+    /// A word for each thing that is asked for.
     seen: GrowingBuffer,
+    /// The boxes that are left after sifting, and how they are drawn.
+    chosen: GrowingBuffer,
+    chosen_draw: wgpu::Buffer,
+    work: wgpu::Buffer,
     read: Option<wgpu::Buffer>,
-    /// By draw; none for what is in the place of a leaf.
+    /// Made when they are first asked, and whether they were asked last.
+    queries: Option<Queries>,
+    is_queried: bool,
+    /// Of which generations of their buffers.
+    groups: Option<([u64; 5], Groups)>,
+    asked: u32,
+    box_count: u32,
+    pub timer: Option<Timer>,
+    /// By draw, with draws that wait; none for what is in the place of a leaf.
     pub tested: Vec<Option<Tested>>,
+    /// By bound of a round: it reaches the near plane.
+    pub untested: Vec<bool>,
 }
 
-/// What a pass finds out.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Extent {
-    pub boxes: u32,
-    pub draws: u32,
+struct Groups {
+    drawn: wgpu::BindGroup,
+    sifted: wgpu::BindGroup,
+    released: wgpu::BindGroup,
 }
 
 impl BoxTester {
@@ -123,57 +89,122 @@ impl BoxTester {
         if !gpu.indirect || !can.contains(wgpu::DownlevelFlags::FRAGMENT_WRITABLE_STORAGE) {
             return None;
         }
-        use wgpu::ShaderStages as Stage;
+        use wgpu::ShaderStages as On;
         let device = &gpu.device;
-        let boxes_layout =
-            buffers_layout(device, "boxes", [(Stage::VERTEX, true), (Stage::VERTEX, true), (Stage::FRAGMENT, false)]);
-        let release_layout =
-            buffers_layout(device, "release", [(Stage::COMPUTE, true), (Stage::COMPUTE, true), (Stage::COMPUTE, false)]);
-        let first_layout = first_layout(device);
+        let first_layout = layout(device, "first", &[(On::FRAGMENT | On::COMPUTE, Kind::Depth), (On::FRAGMENT, Kind::Numbers)]);
+        let (vertex, fragment, all) = (On::VERTEX, On::FRAGMENT, On::COMPUTE);
+        let drawn_layout = layout(
+            device,
+            "drawn boxes",
+            &[
+                (vertex, Kind::Read),
+                (vertex, Kind::Read),
+                (fragment, Kind::Write),
+                (fragment, Kind::Uniform),
+                (vertex, Kind::Read),
+            ],
+        );
+        let sifted = [Kind::Read, Kind::Read, Kind::Write, Kind::Uniform, Kind::Write, Kind::Write].map(|kind| (all, kind));
+        let sifted_layout = layout(device, "sifted boxes", &sifted);
+        let released = [Kind::Read, Kind::Read, Kind::Write, Kind::Uniform].map(|kind| (all, kind));
+        let released_layout = layout(device, "released draws", &released);
+        let pyramids = PyramidMaker::new(device, &sifted_layout, &first_layout);
+        let release = module(device, "release", concat!(include_str!("shaders/box.wgsl"), include_str!("shaders/release.wgsl")));
         Some(Self {
-            boxes_pipeline: boxes_pipeline(device, &boxes_layout, &first_layout),
+            all: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::All),
+            chosen: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::Chosen),
+            queried: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::Queried),
+            release: compute(device, &release, "release", &[&released_layout]),
             first_layout,
-            boxes_layout,
-            release_pipeline: release_pipeline(device, &release_layout),
-            release_layout,
+            drawn_layout,
+            sifted_layout,
+            released_layout,
+            pyramids,
         })
     }
 
-    /// Tests a view's boxes against what was drawn first, and lets draws through. `color` is drawn into, but nothing is written.
+    /// Tests a target's boxes, as they were handed over, against what was drawn first, and lets draws through.
     pub fn encode(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
-        (color, first): (&wgpu::TextureView, &First),
-        (records, arguments): (&wgpu::Buffer, &wgpu::Buffer),
-        extent: Extent,
+        target: &mut Target,
+        buffers: Buffers<'_>,
+        test: BoxTest,
     ) {
-        let seen_bytes = u64::from(extent.draws) * 4;
+        let Some(first) = &mut target.first else { return };
+        first.is_queried = test == BoxTest::Queried && first.box_count > 0;
         encoder.clear_buffer(&first.seen.buffer, 0, None);
-        if extent.boxes > 0 {
-            let boxes_bytes = u64::from(extent.boxes) * size_of::<TestBox>() as u64;
-            let boxes = (&first.boxes.buffer, wgpu::BufferSize::new(boxes_bytes));
-            let (records, seen, arguments) = ((records, None), (&first.seen.buffer, None), (arguments, None));
-            let tested = bind(gpu, &self.boxes_layout, [records, boxes, seen]);
-            let released = bind(gpu, &self.release_layout, [boxes, seen, arguments]);
-            self.test(encoder, color, (&tested, &first.bindings), extent.boxes);
-            let mut pass =
-                encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("release"), timestamp_writes: None });
-            pass.set_pipeline(&self.release_pipeline);
-            pass.set_bind_group(0, &released, &[]);
-            pass.dispatch_workgroups(extent.boxes.div_ceil(WORKGROUP), 1, 1);
+        first.keep(encoder, &target.depth, target.ids.as_ref().map(|(ids, _)| ids));
+        if first.box_count > 0 {
+            let (every, phase) = match test {
+                BoxTest::Sampled { every, phase } => (every, phase),
+                _ => (1, 0),
+            };
+            let work = Work { boxes: first.box_count, every, phase, unused: 0 };
+            gpu.queue.write_buffer(&first.work, 0, bytemuck::bytes_of(&work));
+            first.bind(gpu, self, &buffers);
+            let Some((_, groups)) = &first.groups else { return };
+            if test == BoxTest::Sifted {
+                self.sift(encoder, first, groups);
+            }
+            let views = (&target.color_view, &target.depth_view);
+            if first.is_queried {
+                let queries = first.queries.get_or_insert_with(|| Queries::new(gpu));
+                self.query(encoder, &target.depth_view, (first.timer.as_ref(), groups, queries), first.box_count);
+            } else {
+                self.draw(gpu, encoder, views, (first, groups), (test, buffers.have_late));
+            }
         }
-        if let Some(read) = first.read.as_ref().filter(|_| seen_bytes > 0) {
-            encoder.copy_buffer_to_buffer(&first.seen.buffer, 0, read, 0, seen_bytes);
+        if let (true, Some((_, groups))) = (buffers.have_late && first.box_count > 0, &first.groups) {
+            let mut pass = encoder.begin_compute_pass(&compute_pass("release"));
+            pass.set_pipeline(&self.release);
+            pass.set_bind_group(0, &groups.released, &[]);
+            pass.dispatch_workgroups(first.box_count.div_ceil(WORKGROUP), 1, 1);
+        }
+        if let Some(read) = first.read.as_ref().filter(|_| first.asked > 0) {
+            encoder.copy_buffer_to_buffer(&first.seen.buffer, 0, read, 0, u64::from(first.asked) * 4);
         }
     }
 
-    fn test(
+    fn sift(&self, encoder: &mut wgpu::CommandEncoder, first: &First, groups: &Groups) {
+        const INSTANCE_COUNT: u64 = 4;
+        encoder.clear_buffer(&first.chosen_draw, INSTANCE_COUNT, Some(4));
+        let mut pass = encoder.begin_compute_pass(&compute_pass("sift"));
+        let boxes = (&groups.sifted, first.box_count.div_ceil(WORKGROUP));
+        self.pyramids.encode(&mut pass, &first.pyramid, &first.bindings, boxes);
+    }
+
+    fn query(
         &self,
         encoder: &mut wgpu::CommandEncoder,
-        color: &wgpu::TextureView,
-        (boxes, first): (&wgpu::BindGroup, &wgpu::BindGroup),
+        depth: &wgpu::TextureView,
+        (timer, groups, queries): (Option<&Timer>, &Groups, &mut Queries),
         count: u32,
+    ) {
+        let set = queries.set().clone();
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("queries"),
+            depth_stencil_attachment: Some(read_only(depth)),
+            timestamp_writes: timer.map(|timer| timer.stamps(Pass::Second)),
+            occlusion_query_set: Some(&set),
+            ..Default::default()
+        });
+        pass.set_bind_group(0, &groups.drawn, &[]);
+        pass.set_pipeline(&self.queried);
+        queries.ask(&mut pass, count, |pass, at| pass.draw(0..BOX_VERTICES, at..at + 1));
+        drop(pass);
+        queries.resolve(encoder);
+    }
+
+    /// `color` is drawn into, but nothing is written; nor is depth.
+    fn draw(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        (color, depth): (&wgpu::TextureView, &wgpu::TextureView),
+        (first, groups): (&First, &Groups),
+        (test, have_late): (BoxTest, bool),
     ) {
         let attachment = wgpu::RenderPassColorAttachment {
             view: color,
@@ -181,44 +212,84 @@ impl BoxTester {
             resolve_target: None,
             ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
         };
-        let color_attachments = &[Some(attachment)];
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("boxes"),
-            color_attachments,
+            color_attachments: &[Some(attachment)],
+            depth_stencil_attachment: gpu.early_depth.then(|| read_only(depth)),
+            timestamp_writes: first.timer.as_ref().filter(|_| !have_late).map(|timer| timer.stamps(Pass::Second)),
             ..Default::default()
         });
-        pass.set_pipeline(&self.boxes_pipeline);
-        pass.set_bind_group(0, boxes, &[]);
-        pass.set_bind_group(1, first, &[]);
-        pass.draw(0..36, 0..count);
+        pass.set_bind_group(0, &groups.drawn, &[]);
+        if !gpu.early_depth {
+            pass.set_bind_group(1, &first.bindings, &[]);
+        }
+        if test == BoxTest::Sifted {
+            pass.set_pipeline(&self.chosen);
+            pass.draw_indirect(&first.chosen_draw, 0);
+        } else {
+            pass.set_pipeline(&self.all);
+            pass.draw(0..BOX_VERTICES, 0..first.box_count);
+        }
     }
+}
+
+/// What a pass draws from: records and the draws' arguments.
+#[derive(Clone, Copy)]
+pub(super) struct Buffers<'a> {
+    pub records: &'a GrowingBuffer,
+    pub arguments: &'a GrowingBuffer,
+    /// Whether draws wait for what comes of their boxes.
+    pub have_late: bool,
 }
 
 impl First {
     pub fn new(gpu: &Gpu, tester: &BoxTester, size_px: [u32; 2]) -> Self {
-        use wgpu::BufferUsages as Buffers;
+        use wgpu::BufferUsages as Use;
         use wgpu::TextureUsages as Textures;
         let usage = Textures::COPY_DST | Textures::TEXTURE_BINDING;
         let depth = texture(gpu, "first depth", size_px, DEPTH_FORMAT, usage);
         let leaves = texture(gpu, "first leaf ids", size_px, IDS_FORMAT, usage);
         let views = [view_of(&depth), view_of(&leaves)];
-        let entry =
-            |at: usize| wgpu::BindGroupEntry { binding: at as u32, resource: wgpu::BindingResource::TextureView(&views[at]) };
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("first"),
-            layout: &tester.first_layout,
-            entries: &[entry(0), entry(1)],
-        });
-        let boxes = GrowingBuffer::new(gpu, "boxes", Buffers::STORAGE);
-        let seen = GrowingBuffer::new(gpu, "is seen", Buffers::STORAGE | Buffers::COPY_SRC);
-        Self { depth, leaves, bindings, boxes, seen, read: None, tested: Vec::new() }
+        let bindings = bind(gpu, &tester.first_layout, &views.each_ref().map(wgpu::BindingResource::TextureView));
+        let fixed = |label, size, usage| {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
+        };
+        let chosen_draw = fixed("chosen draw", 16, Use::INDIRECT | Use::STORAGE | Use::COPY_DST);
+        gpu.queue.write_buffer(&chosen_draw, 0, bytemuck::cast_slice(&[BOX_VERTICES, 0, 0, 0]));
+        Self {
+            depth,
+            leaves,
+            bindings,
+            pyramid: tester.pyramids.pyramid(gpu, size_px),
+            boxes: GrowingBuffer::new(gpu, "boxes", Use::STORAGE),
+            seen: GrowingBuffer::new(gpu, "is seen", Use::STORAGE | Use::COPY_SRC),
+            chosen: GrowingBuffer::new(gpu, "chosen boxes", Use::STORAGE),
+            chosen_draw,
+            work: fixed("work", size_of::<Work>() as u64, Use::UNIFORM | Use::COPY_DST),
+            read: None,
+            queries: None,
+            is_queried: false,
+            groups: None,
+            asked: 0,
+            box_count: 0,
+            timer: Timer::new(gpu),
+            tested: Vec::new(),
+            untested: Vec::new(),
+        }
     }
 
-    /// Hands over the boxes of a pass, and makes room for what comes of them.
-    pub fn write(&mut self, gpu: &Gpu, boxes: &[TestBox], draws: u32) -> Result<(), GpuError> {
+    /// Whether the last boxes were queried: then there is an answer for each box, else a word for each thing that was asked for.
+    pub fn is_queried(&self) -> bool {
+        self.is_queried
+    }
+
+    /// Hands over the boxes of a pass, and makes room for what comes of them: a word for each of `asked`.
+    pub fn write(&mut self, gpu: &Gpu, boxes: &[TestBox], asked: u32) -> Result<(), GpuError> {
         let limit = gpu.device.limits().max_storage_buffer_binding_size;
         self.boxes.write(gpu, bytemuck::cast_slice(boxes), limit)?;
-        self.seen.reserve(gpu, u64::from(draws) * 4, limit)?;
+        self.chosen.reserve(gpu, boxes.len() as u64 * 4, limit)?;
+        self.seen.reserve(gpu, u64::from(asked) * 4, limit)?;
+        (self.asked, self.box_count) = (asked, boxes.len() as u32);
         let size = self.seen.buffer.size();
         if self.read.as_ref().is_none_or(|read| read.size() != size) {
             let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;
@@ -228,100 +299,106 @@ impl First {
         Ok(())
     }
 
+    /// Binds all buffers, anew where one was replaced.
+    fn bind(&mut self, gpu: &Gpu, tester: &BoxTester, buffers: &Buffers<'_>) {
+        let generations = [buffers.records, buffers.arguments, &self.boxes, &self.seen, &self.chosen].map(|b| b.generation);
+        if self.groups.as_ref().is_some_and(|(bound, _)| *bound == generations) {
+            return;
+        }
+        let (records, arguments) = (buffers.records.buffer.as_entire_binding(), buffers.arguments.buffer.as_entire_binding());
+        let [boxes, seen, chosen] = [&self.boxes, &self.seen, &self.chosen].map(|b| b.buffer.as_entire_binding());
+        let (work, draw) = (self.work.as_entire_binding(), self.chosen_draw.as_entire_binding());
+        let groups = Groups {
+            drawn: bind(gpu, &tester.drawn_layout, &[&records, &boxes, &seen, &work, &chosen].map(Clone::clone)),
+            sifted: bind(gpu, &tester.sifted_layout, &[&records, &boxes, &seen, &work, &chosen, &draw].map(Clone::clone)),
+            released: bind(gpu, &tester.released_layout, &[&boxes, &seen, &arguments, &work].map(Clone::clone)),
+        };
+        self.groups = Some((generations, groups));
+    }
+
     /// Keeps what a target holds now.
-    pub fn keep(&self, encoder: &mut wgpu::CommandEncoder, depth: &wgpu::Texture, leaves: &wgpu::Texture) {
-        for (from, to) in [(depth, &self.depth), (leaves, &self.leaves)] {
+    fn keep(&self, encoder: &mut wgpu::CommandEncoder, depth: &wgpu::Texture, leaves: Option<&wgpu::Texture>) {
+        for (from, to) in [(Some(depth), &self.depth), (leaves, &self.leaves)] {
+            let Some(from) = from else { continue };
             encoder.copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), to.size());
         }
     }
 
-    /// Which draws' boxes were seen, a word for each. Waits for the GPU.
-    pub fn read_seen(&self, gpu: &Gpu, seen: &mut Vec<u32>) -> Result<(), GpuError> {
+    /// What was asked for and seen, a word for each, and the times of the passes. Waits for the GPU.
+    pub fn read_seen(&self, gpu: &Gpu, seen: &mut Vec<u32>) -> Result<Option<[f64; 3]>, GpuError> {
         seen.clear();
-        let Some(read) = self.read.as_ref().filter(|_| !self.tested.is_empty()) else { return Ok(()) };
-        let range = 0..self.tested.len() as u64 * 4;
-        read.map_async(wgpu::MapMode::Read, range.clone(), |_| {}); // a failure shows when the range is asked for
+        let queries = self.queries.as_ref().filter(|_| self.is_queried);
+        queries.inspect(|queries| queries.want());
+        let read = self.read.as_ref().filter(|_| self.asked > 0 && !self.is_queried);
+        let range = 0..u64::from(self.asked) * 4;
+        if let Some(read) = read {
+            read.map_async(wgpu::MapMode::Read, range.clone(), |_| {}); // a failure shows when the range is asked for
+        }
+        self.timer.as_ref().inspect(|timer| timer.ask());
         gpu.wait(None)?;
+        let times = self.timer.as_ref().map(Timer::times_us).transpose()?;
+        if let Some(queries) = queries {
+            queries.take(seen)?;
+        }
+        let Some(read) = read else { return Ok(times) };
         let mapped = read.get_mapped_range(range).map_err(|e| GpuError::Refused(e.to_string()))?;
         seen.extend(mapped.chunks_exact(size_of::<u32>()).map(bytemuck::pod_read_unaligned::<u32>));
         drop(mapped);
         read.unmap();
-        Ok(())
+        Ok(times)
     }
 }
 
-fn bind(gpu: &Gpu, layout: &wgpu::BindGroupLayout, buffers: [(&wgpu::Buffer, Option<wgpu::BufferSize>); 3]) -> wgpu::BindGroup {
-    let entry = |at: usize| {
-        let (buffer, size) = buffers[at];
-        let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size });
-        wgpu::BindGroupEntry { binding: at as u32, resource }
-    };
-    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &[entry(0), entry(1), entry(2)] })
+fn compute_pass(label: &str) -> wgpu::ComputePassDescriptor<'_> {
+    wgpu::ComputePassDescriptor { label: Some(label), timestamp_writes: None }
 }
 
-fn buffers_layout(device: &wgpu::Device, label: &str, of: [(wgpu::ShaderStages, bool); 3]) -> wgpu::BindGroupLayout {
-    let entry = |at: usize| {
-        let (visibility, read_only) = of[at];
-        let ty = wgpu::BufferBindingType::Storage { read_only };
-        let ty = wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
-        wgpu::BindGroupLayoutEntry { binding: at as u32, visibility, ty, count: None }
-    };
-    let entries = &[entry(0), entry(1), entry(2)];
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
+/// Which boxes a pipeline draws, and who notes what is seen of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Boxes {
+    All,
+    Chosen,
+    /// One at a time, and a query does.
+    Queried,
 }
 
-fn first_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
-    let entry = |binding, sample_type| wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::FRAGMENT,
-        ty: wgpu::BindingType::Texture { sample_type, view_dimension: wgpu::TextureViewDimension::D2, multisampled: false },
-        count: None,
-    };
-    let entries = &[entry(0, wgpu::TextureSampleType::Depth), entry(1, wgpu::TextureSampleType::Uint)];
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("first"), entries })
+fn read_only(depth: &wgpu::TextureView) -> wgpu::RenderPassDepthStencilAttachment<'_> {
+    wgpu::RenderPassDepthStencilAttachment { view: depth, depth_ops: None, stencil_ops: None }
 }
 
-fn boxes_pipeline(device: &wgpu::Device, boxes: &wgpu::BindGroupLayout, first: &wgpu::BindGroupLayout) -> wgpu::RenderPipeline {
-    let source = wgpu::ShaderSource::Wgsl(concat!(include_str!("shaders/box.wgsl"), include_str!("shaders/boxes.wgsl")).into());
-    let module = &device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("boxes"), source });
-    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some("boxes"),
-        bind_group_layouts: &[Some(boxes), Some(first)],
-        immediate_size: 0,
-    });
+/// Draws boxes: all, or those that sifting left. Where the GPU can be made to test depth first, hidden fragments never come to a shader.
+fn boxes_pipeline(gpu: &Gpu, drawn: &wgpu::BindGroupLayout, first: &wgpu::BindGroupLayout, boxes: Boxes) -> wgpu::RenderPipeline {
+    let device = &gpu.device;
+    let source = concat!(include_str!("shaders/box.wgsl"), include_str!("shaders/boxes.wgsl"));
+    let forced = source.replace("// FORCED_DEPTH\n", "@early_depth_test(force)\n");
+    let module = &module(device, "boxes", if gpu.early_depth { &forced } else { source });
+    let (groups, has_depth) = ([drawn, first], gpu.early_depth || boxes == Boxes::Queried);
     let nothing = wgpu::ColorTargetState { format: COLOR_FORMAT, blend: None, write_mask: wgpu::ColorWrites::empty() };
+    let depth = wgpu::DepthStencilState {
+        format: DEPTH_FORMAT,
+        depth_write_enabled: Some(false),
+        depth_compare: Some(wgpu::CompareFunction::GreaterEqual),
+        stencil: Default::default(),
+        bias: wgpu::DepthBiasState { constant: 0, slope_scale: 1.0, clamp: 0.0 },
+    };
+    let compilation_options = wgpu::PipelineCompilationOptions {
+        constants: &[("is_sifted", f64::from(u8::from(boxes == Boxes::Chosen)))],
+        ..Default::default()
+    };
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("boxes"),
-        layout: Some(&layout),
-        vertex: wgpu::VertexState { module, entry_point: Some("vertex"), compilation_options: Default::default(), buffers: &[] },
+        layout: Some(&pipeline_layout(device, "boxes", if has_depth { &groups[..1] } else { &groups })),
+        vertex: wgpu::VertexState { module, entry_point: Some("vertex"), compilation_options, buffers: &[] },
         primitive: wgpu::PrimitiveState { cull_mode: Some(wgpu::Face::Back), ..Default::default() },
-        depth_stencil: None,
+        depth_stencil: has_depth.then_some(depth),
         multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
+        fragment: (boxes != Boxes::Queried).then_some(wgpu::FragmentState {
             module,
-            entry_point: Some("fragment"),
+            entry_point: Some(if gpu.early_depth { "tested" } else { "compared" }),
             compilation_options: Default::default(),
             targets: &[Some(nothing)],
         }),
         multiview_mask: None,
-        cache: None,
-    })
-}
-
-fn release_pipeline(device: &wgpu::Device, layout: &wgpu::BindGroupLayout) -> wgpu::ComputePipeline {
-    let source = wgpu::ShaderSource::Wgsl(concat!(include_str!("shaders/box.wgsl"), include_str!("shaders/release.wgsl")).into());
-    let module = &device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("release"), source });
-    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some("release"),
-        bind_group_layouts: &[Some(layout)],
-        immediate_size: 0,
-    });
-    device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some("release"),
-        layout: Some(&layout),
-        module,
-        entry_point: Some("release"),
-        compilation_options: Default::default(),
         cache: None,
     })
 }

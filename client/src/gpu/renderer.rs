@@ -13,6 +13,7 @@ use super::device::{Gpu, GpuError};
 use super::draws::{DrawBuffers, DrawList, Instance, State};
 use super::pipelines::{Coverage, PipelineKey, Pipelines, Sides, Surface, Turn};
 use super::targets::{Attachments, CLEAR_COLOR, Shown, Target};
+use super::timer::Pass;
 use super::upload::{self, Materials, UploadError};
 use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
 
@@ -42,7 +43,7 @@ pub struct Renderer {
     pub(super) list: DrawList,
     pub(super) buffers: DrawBuffers,
     /// For each object the pass that last made it a record, and that record.
-    recorded: Vec<(u64, u32)>,
+    pub(super) recorded: Vec<(u64, u32)>,
     pub(super) pass: u64,
     pub(super) culling: Culling,
     pub(super) last_submission: Option<wgpu::SubmissionIndex>,
@@ -168,11 +169,18 @@ impl Renderer {
                     culled.push((passes.len(), at));
                     self.draw_culled(at, pass, first)?
                 }
+                None if (pass.round > 0 || !pass.bounds.is_empty()) && self.can_cull(at) => {
+                    culled.push((passes.len(), at));
+                    self.draw_round(at, pass)?
+                }
                 _ => self.draw_pass(at, pass)?,
             });
         }
-        for (pass, at) in culled {
-            self.note_seen(at, &mut passes[pass])?;
+        for (result, at) in culled {
+            match plan.passes[result].first {
+                Some(_) => self.note_seen(at, &mut passes[result])?,
+                None => self.note_bounds(at, &mut passes[result])?,
+            }
         }
         self.gpu.check()?;
         Ok(PassResults { passes })
@@ -206,7 +214,7 @@ impl Renderer {
         target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer), &self.materials.buffer);
 
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
-        self.encode(&self.targets[at], &mut encoder, Load::Clear, 0..self.list.batches.len());
+        self.encode(&self.targets[at], &mut encoder, (Load::Clear, None), 0..self.list.batches.len());
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         Ok(self.result(pass))
     }
@@ -218,8 +226,11 @@ impl Renderer {
             leaves: (self.list.arguments.len() - self.list.stand_ins.len()) as u32,
             boxes: self.list.stand_ins.len() as u32,
             triangles: self.list.triangles,
+            hidden_triangles: 0,
             batches: self.list.batches.len() as u32,
             seen: None,
+            bounds_seen: Vec::new(),
+            times: None,
         }
     }
 
@@ -276,7 +287,15 @@ impl Renderer {
         }
     }
 
-    pub(super) fn encode(&self, target: &Target, encoder: &mut wgpu::CommandEncoder, load: Load, batches: Range<usize>) {
+    /// Draws some of what is listed. `measured`: as which pass of a target that is culled.
+    pub(super) fn encode(
+        &self,
+        target: &Target,
+        encoder: &mut wgpu::CommandEncoder,
+        (load, measured): (Load, Option<Pass>),
+        batches: Range<usize>,
+    ) {
+        let timer = target.first.as_ref().and_then(|first| first.timer.as_ref());
         let attachment = |view, clear| wgpu::RenderPassColorAttachment {
             view,
             depth_slice: None,
@@ -294,6 +313,7 @@ impl Renderer {
                 depth_ops: Some(wgpu::Operations { load: load.of(0.0), store: wgpu::StoreOp::Store }),
                 stencil_ops: None,
             }),
+            timestamp_writes: timer.zip(measured).map(|(timer, pass)| timer.stamps(pass)),
             ..Default::default()
         });
         let Some((_, bindings)) = &target.bindings else { return };

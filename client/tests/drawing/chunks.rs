@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
-use mullion_client::frame::{FramePlan, PassPlan, Retest};
+use mullion_client::frame::{FramePlan, PassPlan};
 use mullion_client::gpu::{Attachments, GpuError, Renderer, UploadError, ViewTarget};
 use mullion_common::scene::{ChunkId, GeometryChunk, Material};
 use mullion_common::wall::ViewId;
@@ -115,16 +115,7 @@ fn faults_are_errors() {
     }
     let mut renderer = open([10, 8]).expect("a renderer");
     let projection = Look::ahead(DVec3::ZERO, [10, 8]).projection();
-    let pass = PassPlan {
-        view: ViewId(5),
-        projection,
-        opaque: scene.all(),
-        first: None,
-        retest: Retest::ALL,
-        blended: vec![],
-        boxes: vec![],
-        missing: 0,
-    };
+    let pass = PassPlan { opaque: scene.all(), ..PassPlan::new(ViewId(5), projection) };
     let plan = FramePlan { passes: vec![pass.clone()] };
     assert_eq!(renderer.draw(&plan), Err(GpuError::UnknownView(5)));
     // Leaves past the table, or not resident, are skipped.

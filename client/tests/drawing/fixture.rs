@@ -326,6 +326,7 @@ pub fn draw_without(
             transforms: renderer.transforms(),
             resident: &|chunk| renderer.is_resident(chunk),
             when_missing,
+            has_changed: true,
         })
         .clone();
     let results = renderer.draw(&plan).expect("drawn");

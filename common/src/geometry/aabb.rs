@@ -50,6 +50,11 @@ impl Aabb {
         s.x * s.y + s.y * s.z + s.z * s.x
     }
 
+    /// The same box elsewhere.
+    pub fn moved(&self, by: DVec3) -> Self {
+        Self { min: self.min + by, max: self.max + by }
+    }
+
     /// Its eight corners; bit 0 of the index chooses x, bit 1 y, bit 2 z.
     pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|i| {

@@ -11,6 +11,19 @@ struct Box {
     is_mirrored: u32,
     // Not 0: the draw waits for what comes of this.
     is_late: u32,
-    unused: vec2u,
+    // Not 0: it is drawn where nothing else tells whether it is seen. If 0, it then is.
+    is_drawn: u32,
+    unused: u32,
 }
 
+// Interpolated depths of a box and of what it holds differ by the last bits: a box that is hidden by less than this share is seen.
+const DEPTH_SLACK: f32 = 1.0 + 1.0 / 16384.0;
+
+// What is known of all boxes.
+struct Work {
+    boxes: u32,
+    // Of how many spans of the picture one is looked at, and from which on.
+    every: u32,
+    phase: u32,
+    unused: u32,
+}

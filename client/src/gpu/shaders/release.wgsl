@@ -6,10 +6,11 @@ const WORDS: u32 = 5u;
 @group(0) @binding(0) var<storage, read> boxes: array<Box>;
 @group(0) @binding(1) var<storage, read> is_seen: array<u32>;
 @group(0) @binding(2) var<storage, read_write> arguments: array<u32>;
+@group(0) @binding(3) var<uniform> work: Work;
 
 @compute @workgroup_size(64)
 fn release(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= arrayLength(&boxes) {
+    if id.x >= work.boxes {
         return;
     }
     let tested = boxes[id.x];

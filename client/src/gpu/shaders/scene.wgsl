@@ -150,13 +150,14 @@ fn masked(in: Fragment) -> Pixel {
     return masked_pixel(in);
 }
 
-// A fragment as near as what was drawn first loses to it, unless it is of an earlier leaf: then its depth is the next one, which rounding
-// leaves free.
+// A fragment as near as what was drawn before loses to it, unless it is of an earlier leaf: then its depth is the next one, which rounding
+// leaves free, for more rounds than there are.
 fn late_depth(in: Fragment, depth: f32) -> f32 {
     let at = vec2i(in.position.xy);
+    let before = bitcast<u32>(textureLoad(first_depth, at, 0));
     let wins = in.leaf.y + 1u < textureLoad(first_ids, at, 0).x;
-    let ties = depth == textureLoad(first_depth, at, 0);
-    return select(depth, bitcast<f32>(bitcast<u32>(depth) + 1u), ties && wins);
+    let ties = bitcast<u32>(depth) == (before >> ROUNDED_BITS) << ROUNDED_BITS;
+    return select(depth, bitcast<f32>(before + 1u), ties && wins);
 }
 
 @fragment

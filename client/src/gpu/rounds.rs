@@ -1,0 +1,102 @@
+//! A pass in several rounds: what a round draws comes beyond what is there, and what it asks is answered before the next. Every pixel is as
+//! if all had been drawn at once.
+
+use glam::DAffine3;
+
+use super::culled::Tester;
+use super::device::GpuError;
+use super::pipelines::Turn;
+use super::renderer::{Load, Renderer};
+use super::test_box::{Grower, LocalScale, TestBox};
+use super::timer::Pass;
+use crate::frame::{Bound, PassPlan, PassResult, Times};
+
+impl Renderer {
+    /// Draws one round of a target that [`Renderer::can_cull`].
+    pub(super) fn draw_round(&mut self, at: usize, pass: &PassPlan) -> Result<PassResult, GpuError> {
+        debug_assert!(matches!(self.culling.tester, Some(Tester::There(_))));
+        let (turn, load) = if pass.round == 0 { (Turn::First, Load::Clear) } else { (Turn::Late, Load::Keep) };
+        self.list.clear();
+        self.pass += 1;
+        self.list_leaves(pass, pass.opaque.leaves(), turn);
+        self.list_boxes(pass);
+        self.list_leaves(pass, pass.blended.iter().copied(), turn);
+        let boxes = self.list_bounds(at, pass);
+        self.buffers.write(&self.gpu, &self.list)?;
+        let target = &mut self.targets[at];
+        target.write_uniform(&self.gpu, &pass.projection);
+        let records = &self.buffers.records;
+        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer), &self.materials.buffer);
+        if let Some(first) = &mut target.first {
+            first.write(&self.gpu, &boxes, pass.bounds.len() as u32)?;
+        }
+        self.culling.boxes = boxes;
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("round") });
+        self.encode(&self.targets[at], &mut encoder, (load, Some(Pass::Draws)), 0..self.list.batches.len());
+        if !pass.bounds.is_empty() {
+            self.encode_tests(at, &mut encoder, pass.test, false);
+        }
+        self.encode_times(at, &mut encoder);
+        self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
+        let mut result = self.result(pass);
+        result.bounds_seen.resize(pass.bounds.len(), false);
+        Ok(result)
+    }
+
+    /// Waits until a round is drawn, and tells which of its bounds are seen.
+    pub(super) fn note_bounds(&mut self, at: usize, result: &mut PassResult) -> Result<(), GpuError> {
+        let Some(first) = &self.targets[at].first else { return Ok(()) };
+        let times = first.read_seen(&self.gpu, &mut self.culling.seen)?;
+        let have_bounds = !result.bounds_seen.is_empty();
+        result.times = times
+            .map(|[drawn, _, all]| Times { draw_us: drawn, test_us: if have_bounds { (all - drawn).max(0.0) } else { 0.0 } });
+        result.bounds_seen.clear();
+        if first.is_queried() {
+            let mut answers = self.culling.seen.iter().map(|word| *word != 0);
+            result.bounds_seen.extend(first.untested.iter().map(|is_untested| *is_untested || answers.next().unwrap_or(true)));
+        } else {
+            let answers = self.culling.seen.iter().map(|word| *word != 0);
+            result.bounds_seen.extend(answers.zip(&first.untested).map(|(is_seen, is_untested)| is_seen || *is_untested));
+        }
+        Ok(())
+    }
+
+    /// The boxes of a round's bounds. Those that reach the near plane are seen.
+    fn list_bounds(&mut self, at: usize, pass: &PassPlan) -> Vec<TestBox> {
+        let target = &mut self.targets[at];
+        let grower = Grower::new(&pass.projection, target.size_px);
+        let mut boxes = std::mem::take(&mut self.culling.boxes);
+        boxes.clear();
+        let Some(first) = &mut target.first else { return boxes };
+        first.untested.clear();
+        let eye = pass.projection.eye;
+        let mut of_world: Option<u32> = None;
+        for (number, bound) in (0..).zip(&pass.bounds) {
+            let (bounds, record, scale, is_mirrored) = match *bound {
+                Bound::World(bounds) => {
+                    let record = *of_world.get_or_insert_with(|| {
+                        let from_eye = DAffine3::from_translation(eye);
+                        self.list.records.push(pass.projection.clip_from_local(&from_eye).to_cols_array());
+                        self.list.records.len() as u32 - 1
+                    });
+                    (bounds.moved(-eye), record, LocalScale::WORLD, false)
+                }
+                Bound::Leaf(leaf) => {
+                    let leaf = &self.manifest.leaves[leaf as usize];
+                    let object = leaf.object.0 as usize;
+                    let world_from_local = self.transforms[object].affine();
+                    if self.recorded[object].0 != self.pass {
+                        self.recorded[object] = (self.pass, self.list.records.len() as u32);
+                        self.list.records.push(pass.projection.clip_from_local(&world_from_local).to_cols_array());
+                    }
+                    (leaf.local_aabb(), self.recorded[object].1, LocalScale::of(&world_from_local), self.mirrored[object])
+                }
+            };
+            let clip_from_local = glam::Mat4::from_cols_array(&self.list.records[record as usize]);
+            let grown = grower.test(&bounds, &clip_from_local, &scale);
+            boxes.extend(grown.map(|grown| TestBox::new(grown, record, number, is_mirrored, false)));
+            first.untested.push(grown.is_none());
+        }
+        boxes
+    }
+}

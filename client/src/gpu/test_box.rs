@@ -1,0 +1,85 @@
+//! Boxes to be tested: grown by [`GROWN_PX`], so that what they hold covers no pixel that they do not.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DVec3, Mat4, Vec3};
+use mullion_common::geometry::Aabb;
+use mullion_common::wall::Projection;
+
+/// By how much of a pixel a box is grown on every side: more than the 1/256 to which rasterisers round.
+const GROWN_PX: f64 = 1.0 / 8.0;
+
+/// A box as the shaders take it.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct TestBox {
+    min: [f32; 3],
+    record: u32,
+    max: [f32; 3],
+    draw: u32,
+    is_mirrored: u32,
+    is_late: u32,
+    is_drawn: u32,
+    unused: u32,
+}
+const _: () = assert!(size_of::<TestBox>() == 48);
+
+/// Grows boxes for one view.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grower {
+    /// World units by which a box at distance 1 along the view must grow.
+    grown_m: f64,
+}
+
+/// How an object turns world distances into its own, axis by axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LocalScale(DVec3);
+
+impl LocalScale {
+    /// Of what has world axes.
+    pub const WORLD: Self = Self(DVec3::ONE);
+
+    pub fn of(world_from_local: &glam::DAffine3) -> Self {
+        let local_from_world = world_from_local.matrix3.inverse();
+        Self(DVec3::from_array([0, 1, 2].map(|row| local_from_world.row(row).length())))
+    }
+}
+
+impl Grower {
+    pub fn new(projection: &Projection, size_px: [u32; 2]) -> Self {
+        let row = |row: usize| projection.clip_from_offset.row(row).truncate();
+        let (along, half_px) = (row(3), size_px.map(|edge| f64::from(edge) / 2.0));
+        // What moves a point across the screen is the part of the row that is across the view.
+        let across = |axis: DVec3| (axis - along * (axis.dot(along) / along.length_squared())).length();
+        let px_per_m = (across(row(0)) * half_px[0]).min(across(row(1)) * half_px[1]);
+        Self { grown_m: GROWN_PX / px_per_m }
+    }
+
+    /// A leaf's box, grown; none where it reaches the near plane or cannot be placed: then it is seen.
+    pub fn test(&self, bounds: &Aabb, clip_from_local: &Mat4, scale: &LocalScale) -> Option<(Vec3, Vec3)> {
+        let (z, w) = (clip_from_local.row(2).as_dvec4(), clip_from_local.row(3).as_dvec4());
+        let (center, half) = (bounds.center(), bounds.size() / 2.0);
+        let reach = |row: glam::DVec4| row.truncate().abs().dot(half);
+        let (w_center, w_reach) = (w.truncate().dot(center) + w.w, reach(w));
+        let grown = scale.0 * (self.grown_m * (w_center + w_reach));
+        let (min, max) = ((bounds.min - grown).as_vec3(), (bounds.max + grown).as_vec3());
+        let reach_grown = reach(w) + w.truncate().abs().dot(grown);
+        let z_max = z.truncate().dot(center) + z.w + reach(z) + z.truncate().abs().dot(grown);
+        // Behind the near plane z > w; a little earlier, lest rounding takes a corner there.
+        let is_clear = (w_center - reach_grown) * 0.999 > z_max;
+        (is_clear && min.is_finite() && max.is_finite()).then_some((min, max))
+    }
+}
+
+impl TestBox {
+    /// A box of an object, by its place among the records. `draw`: what comes of it is said of that; `is_late`: and that waits for it.
+    pub fn new((min, max): (Vec3, Vec3), record: u32, draw: u32, is_mirrored: bool, is_late: bool) -> Self {
+        let (is_mirrored, is_late) = (u32::from(is_mirrored), u32::from(is_late));
+        Self { min: min.to_array(), record, max: max.to_array(), draw, is_mirrored, is_late, is_drawn: 1, unused: 0 }
+    }
+
+    /// The same, but it is never drawn: where nothing else tells, it is seen.
+    #[must_use]
+    pub fn sifted_only(self) -> Self {
+        Self { is_drawn: 0, ..self }
+    }
+}

@@ -1,0 +1,188 @@
+//! A view's culling, from frame to frame and round to round.
+
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::{Projection, ViewId};
+
+use super::rounds::{Order, Round, Rounds, Subject};
+use super::worth::{Budget, Outcome, Worth};
+use super::{BoxTest, Occlusion};
+use crate::frame::{FrameInput, PassPlan, PassResult, Retest, Times};
+
+/// Frames in which every leaf that is seen is tested once: its box is drawn over most of what it covers itself, and what became hidden may be
+/// drawn that much longer.
+const RETEST_FRAMES: u32 = 4;
+/// While something moves, one of so many spans of a bound is looked at (section 4.2).
+const SAMPLING: u32 = 10;
+
+/// The culling of one view.
+#[derive(Debug)]
+pub struct CulledView {
+    view: ViewId,
+    occlusion: Occlusion,
+    last: Option<Look>,
+    /// Frames since something last moved.
+    still: u32,
+    state: State,
+}
+
+/// What a picture depends on, but for where objects stand.
+#[derive(Debug)]
+struct Look {
+    projection: Projection,
+    opaque: VisibleSet,
+    blended: Vec<u32>,
+}
+
+#[derive(Debug)]
+enum State {
+    /// Two turns of one round: what was seen in the last frame, where that is known.
+    Turns {
+        seen: Option<VisibleSet>,
+        /// None: it is always on.
+        worth: Option<Worth>,
+    },
+    Rounds(Box<InRounds>),
+}
+
+#[derive(Debug)]
+struct InRounds {
+    rounds: Rounds,
+    budget: Budget,
+    times: Option<Times>,
+    /// What is drawn after all else.
+    blended: Vec<u32>,
+    boxes: Vec<u32>,
+}
+
+impl CulledView {
+    /// Of a view of which nothing is known. `occlusion` must not be [`Occlusion::Off`].
+    pub fn new(view: ViewId, occlusion: Occlusion, leaves_off: bool) -> Self {
+        let state = match occlusion {
+            Occlusion::Off | Occlusion::Hiz => State::Turns { seen: None, worth: leaves_off.then(Worth::default) },
+            _ => State::Rounds(Box::new(InRounds {
+                rounds: Rounds::default(),
+                budget: Budget::default(),
+                times: None,
+                blended: Vec::new(),
+                boxes: Vec::new(),
+            })),
+        };
+        Self { view, occlusion, last: None, still: 0, state }
+    }
+
+    /// Whose it is.
+    pub fn view(&self) -> ViewId {
+        self.view
+    }
+
+    /// Turns a pass that draws all into one that begins with less.
+    pub fn begin(&mut self, input: &FrameInput<'_>, pass: &mut PassPlan, frame: u32) {
+        self.look(input.has_changed, pass);
+        let retest = Retest { every: RETEST_FRAMES, turn: frame % RETEST_FRAMES };
+        match &mut self.state {
+            State::Turns { seen, worth } => {
+                if worth.as_mut().is_some_and(|worth| !worth.is_on()) {
+                    *seen = None;
+                    return;
+                }
+                let mut first = VisibleSet::default();
+                // All at once in the first frame: what they hide is known in the next.
+                match seen {
+                    Some(seen) => pass.opaque.intersection_into(seen, &mut first),
+                    None => first.clone_from(&pass.opaque),
+                }
+                pass.retest = seen.as_ref().map_or(Retest::ALL, |_| retest);
+                (pass.first, pass.test) = (Some(first), BoxTest::Sifted);
+            }
+            State::Rounds(state) => {
+                let subject = Subject {
+                    opaque: &pass.opaque,
+                    blended: &pass.blended,
+                    records: &input.manifest.leaves,
+                    transforms: input.transforms,
+                    eye: pass.projection.eye,
+                    is_still: self.still > 0,
+                };
+                let order = match self.occlusion {
+                    Occlusion::Query => Order::Seen(retest),
+                    Occlusion::CostAdaptive => Order::Depth { budget_us: state.budget.us() },
+                    _ => Order::Depth { budget_us: f64::INFINITY },
+                };
+                state.times = None;
+                state.rounds.begin(order, &subject);
+                pass.test = match self.occlusion {
+                    Occlusion::Query => BoxTest::Queried,
+                    Occlusion::Sampled => BoxTest::Sampled { every: SAMPLING, phase: self.still % SAMPLING },
+                    _ => BoxTest::Drawn,
+                };
+                std::mem::swap(&mut pass.blended, &mut state.blended);
+                std::mem::swap(&mut pass.boxes, &mut state.boxes);
+                state.fill(pass);
+            }
+        }
+    }
+
+    /// Takes what came of a round. Whether there is another, which the pass then is.
+    pub fn go_on(&mut self, result: &PassResult, pass: &mut PassPlan) -> bool {
+        match &mut self.state {
+            State::Turns { seen, worth } => {
+                if let Some(now) = &result.seen {
+                    seen.get_or_insert_default().clone_from(now);
+                    let (drawn, hidden) = (result.triangles, result.hidden_triangles);
+                    if let Some(worth) = worth {
+                        worth.note(Outcome { drawn, hidden, times: result.times });
+                    }
+                }
+                false
+            }
+            State::Rounds(state) => {
+                if let Some(times) = result.times {
+                    let sum = state.times.get_or_insert_default();
+                    (sum.draw_us, sum.test_us) = (sum.draw_us + times.draw_us, sum.test_us + times.test_us);
+                }
+                let is_next = state.rounds.next(&result.bounds_seen, result.times);
+                if is_next {
+                    state.fill(pass);
+                } else if let Some(times) = state.times {
+                    state.budget.note(times);
+                }
+                is_next
+            }
+        }
+    }
+
+    /// Notes whether a picture is as the last.
+    fn look(&mut self, has_changed: bool, pass: &PassPlan) {
+        let is_same = self
+            .last
+            .as_ref()
+            .is_some_and(|last| last.projection == pass.projection && last.opaque == pass.opaque && last.blended == pass.blended);
+        self.still = if is_same && !has_changed { self.still.saturating_add(1) } else { 0 };
+        if !is_same {
+            let last = self.last.get_or_insert_with(|| Look {
+                projection: pass.projection,
+                opaque: VisibleSet::default(),
+                blended: Vec::new(),
+            });
+            last.projection = pass.projection;
+            last.opaque.clone_from(&pass.opaque);
+            last.blended.clone_from(&pass.blended);
+        }
+    }
+}
+
+impl InRounds {
+    /// Makes a pass the round that is next.
+    fn fill(&self, pass: &mut PassPlan) {
+        let Round { number, opaque, bounds, is_last } = self.rounds.round();
+        pass.round = *number;
+        pass.opaque.clone_from(opaque);
+        pass.bounds.clone_from(bounds);
+        pass.blended.clear();
+        pass.boxes.clear();
+        if *is_last {
+            pass.blended.extend(self.blended.iter().filter(|leaf| self.rounds.kept().contains(**leaf)));
+            pass.boxes.extend_from_slice(&self.boxes);
+        }
+    }
+}

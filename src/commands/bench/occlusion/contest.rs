@@ -1,0 +1,288 @@
+//! A scene drawn in several ways, frame by frame, in turns.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use mullion_client::frame::{FrameInput, PassResult, Planner, ViewInput};
+use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
+use mullion_client::missing::WhenMissing;
+use mullion_client::occlusion::Occlusion;
+use mullion_common::camera_path::CameraPath;
+use mullion_common::scene::{ChunkId, LeafRecord, Package};
+use mullion_common::visible_set::{LeafRange, VisibleSet};
+use mullion_common::wall::{Projection, ViewId, Wall};
+use mullion_server::cull::{Algorithm, Culler};
+use mullion_server::tree::CullTree;
+
+use super::Mode;
+use super::table::{Row, Table};
+use crate::show::Spread;
+
+const VIEW: ViewId = ViewId(0);
+/// Frames before one counts: buffers grow, and what is seen becomes known.
+const WARM_UP: usize = 2;
+
+/// A scene on the GPU twice: as it is drawn fastest without occlusion culling, and with leaf ids.
+pub struct Contest<'a> {
+    package: &'a Package,
+    wall: &'a Wall,
+    plain: Renderer,
+    culled: Renderer,
+    /// Frustum culling alone is the first.
+    contestants: Vec<Contestant>,
+}
+
+struct Contestant {
+    mode: Mode,
+    planner: Planner,
+    sums: Sums,
+}
+
+/// What is summed over the frames.
+#[derive(Default)]
+struct Sums {
+    frame_ms: Vec<f64>,
+    draw_ms: Option<f64>,
+    drawn: Vec<u64>,
+    tests: u64,
+    hidden_culled: u64,
+    drawn_leaves: u64,
+    false_visible: u64,
+    wrong_pixels: u64,
+}
+
+/// One frame, drawn in one way.
+#[derive(Default)]
+struct Drawn {
+    frame_ms: f64,
+    draw_us: Option<f64>,
+    triangles: u64,
+    tests: u64,
+    leaves: VisibleSet,
+}
+
+/// What is true of a frame, however it is drawn.
+struct Truth {
+    /// Leaves of which a pixel is seen.
+    with_pixel: VisibleSet,
+    /// Leaves in the frustum whose boxes are hidden.
+    box_hidden: VisibleSet,
+}
+
+impl<'a> Contest<'a> {
+    /// Uploads the scene.
+    pub fn new(gpu: &Arc<Gpu>, package: &'a Package, wall: &'a Wall, modes: &[Mode]) -> Result<Self> {
+        let renderer = |attachments| -> Result<Renderer> {
+            let manifest = Arc::new(package.scene.manifest.clone());
+            let targets = [ViewTarget { view: VIEW, size_px: wall.tiles()[0].size_px }];
+            let mut renderer = Renderer::new(Arc::clone(gpu), manifest, &targets, attachments)?;
+            for chunk in (0..package.scene.manifest.chunks.len() as u32).map(ChunkId) {
+                renderer.upload(chunk, package.chunk(chunk)).with_context(|| format!("chunk {}", chunk.0))?;
+            }
+            Ok(renderer)
+        };
+        let contestant = |mode: Mode| {
+            let planner = Planner::new().culling(mode.occlusion()).while_worth();
+            Contestant { mode, planner, sums: Sums::default() }
+        };
+        let contestants = std::iter::once(Mode::Frustum).chain(modes.iter().copied()).map(contestant).collect();
+        let (plain, culled) = (renderer(Attachments::Color)?, renderer(Attachments::ColorAndIds)?);
+        Ok(Self { package, wall, plain, culled, contestants })
+    }
+
+    /// Draws all frames in all ways.
+    pub fn measure(mut self, (scene, path_name): (String, String), path: &CameraPath, frames: u64) -> Result<Table> {
+        let mut culler = Culler::new(Algorithm::Sweep, self.wall);
+        let tree = CullTree::new(Arc::clone(&self.package.scene.hierarchy));
+        let (eyes, mut sets) = (self.wall.default_eyes(), vec![VisibleSet::default(); 1]);
+        let leaves = &self.package.scene.manifest.leaves;
+        let all = VisibleSet::all(leaves.len() as u32);
+        let (mut in_frustum, mut with_pixel, mut seen_triangles, mut box_hidden, mut cull_ms) = (0, 0, 0, 0, 0.0);
+        let warm_up = std::iter::repeat_n((0, false), WARM_UP);
+        for (frame, counts) in warm_up.chain((0..frames).map(|frame| (frame, true))) {
+            let world_from_room = path.pose(frame);
+            sets[0].clear();
+            let started = Instant::now();
+            culler.cull(&tree, self.wall, &eyes, &world_from_room, &mut sets);
+            let culled_ms = started.elapsed().as_secs_f64() * 1e3;
+            let projection = self.wall.projection(VIEW, eyes[0], &world_from_room);
+            let truth = self.truth(&projection, &sets[0])?;
+            // Each is first in turn: nobody always comes after the same other.
+            let count = self.contestants.len();
+            for at in 0..count {
+                let at = (at + frame as usize) % count;
+                let visible = if self.contestants[at].mode == Mode::None { &all } else { &sets[0] };
+                let drawn = self.draw(at, &projection, visible)?;
+                if counts {
+                    self.add(at, drawn, &truth)?;
+                }
+            }
+            if counts {
+                cull_ms += culled_ms;
+                in_frustum += u64::from(sets[0].len());
+                with_pixel += u64::from(truth.with_pixel.len());
+                box_hidden += u64::from(truth.box_hidden.len());
+                seen_triangles += triangles(&truth.with_pixel, leaves);
+            }
+        }
+        let triangles = triangles(&all, leaves);
+        let frustum_triangles: u64 = self.contestants[0].sums.drawn.iter().sum();
+        let frustum_ms: f64 = self.contestants[0].sums.frame_ms.iter().sum();
+        let rows = self.contestants.iter().map(|c| c.row(triangles, frustum_ms, cull_ms, box_hidden)).collect();
+        Ok(Table {
+            scene,
+            path: path_name,
+            frames,
+            triangles,
+            leaves: leaves.len() as u32,
+            bound: frustum_triangles as f64 / seen_triangles.max(1) as f64,
+            without_pixel_percent: 100.0 - percent(with_pixel, in_frustum),
+            box_hidden_percent: percent(box_hidden, in_frustum),
+            rows,
+        })
+    }
+
+    /// Draws a frame in one way.
+    fn draw(&mut self, at: usize, projection: &Projection, visible: &VisibleSet) -> Result<Drawn> {
+        let Contestant { mode, planner, .. } = &mut self.contestants[at];
+        let renderer = if mode.occlusion() == Occlusion::Off { &mut self.plain } else { &mut self.culled };
+        let mut drawn = Drawn::default();
+        let started = Instant::now();
+        draw_all_rounds(renderer, planner, (self.package, projection, visible), |result, round| {
+            drawn.triangles += result.triangles;
+            drawn.tests += u64::from(round.tests);
+            if let Some(times) = result.times {
+                *drawn.draw_us.get_or_insert_default() += times.draw_us;
+            }
+            let mut before = std::mem::take(&mut drawn.leaves);
+            before.union_into(&round.leaves, &mut drawn.leaves);
+            if let Some(seen) = &result.seen {
+                std::mem::swap(&mut before, &mut drawn.leaves);
+                before.union_into(seen, &mut drawn.leaves);
+            }
+        })?;
+        renderer.wait()?;
+        drawn.frame_ms = started.elapsed().as_secs_f64() * 1e3;
+        Ok(drawn)
+    }
+
+    /// Looks at what was drawn.
+    fn add(&mut self, at: usize, drawn: Drawn, truth: &Truth) -> Result<()> {
+        let mode = self.contestants[at].mode;
+        let wrong = if mode.occlusion() == Occlusion::Off {
+            0
+        } else {
+            let (plain, culled) = (self.plain.read_color(VIEW)?, self.culled.read_color(VIEW)?);
+            plain.pixels().zip(culled.pixels()).filter(|(plain, culled)| plain != culled).count()
+        };
+        let (mut kept, mut without_pixel) = (VisibleSet::default(), VisibleSet::default());
+        truth.box_hidden.difference_into(&drawn.leaves, &mut kept);
+        drawn.leaves.difference_into(&truth.with_pixel, &mut without_pixel);
+        let sums = &mut self.contestants[at].sums;
+        sums.frame_ms.push(drawn.frame_ms);
+        if let Some(draw_us) = drawn.draw_us {
+            *sums.draw_ms.get_or_insert_default() += draw_us / 1e3;
+        }
+        sums.drawn.push(drawn.triangles);
+        sums.tests += drawn.tests;
+        sums.hidden_culled += u64::from(kept.len());
+        sums.drawn_leaves += u64::from(drawn.leaves.len());
+        sums.false_visible += u64::from(without_pixel.len());
+        sums.wrong_pixels += wrong as u64;
+        Ok(())
+    }
+
+    /// Draws all that is in the frustum, in both ways, and tests all boxes against it. The plain picture is there afterwards.
+    fn truth(&mut self, projection: &Projection, visible: &VisibleSet) -> Result<Truth> {
+        let mut seen = None;
+        let scene = (self.package, projection, visible);
+        draw_all_rounds(&mut self.culled, &mut Planner::new().culling(Occlusion::Hiz), scene, |result, _| {
+            seen.clone_from(&result.seen)
+        })?;
+        let seen = seen.context("this GPU cannot test boxes: it lacks indirect draws or storage in fragments")?;
+        let mut ids = self.culled.read_leaves(VIEW)?;
+        ids.sort_unstable();
+        ids.dedup();
+        let leaves = ids.into_iter().filter_map(|id| id.checked_sub(1));
+        let with_pixel = VisibleSet::from_ranges(leaves.map(|leaf| LeafRange::new(leaf, leaf + 1)));
+        let mut box_hidden = VisibleSet::default();
+        visible.difference_into(&seen, &mut box_hidden);
+        draw_all_rounds(&mut self.plain, &mut Planner::new(), scene, |_, _| {})?;
+        Ok(Truth { with_pixel, box_hidden })
+    }
+}
+
+/// What a round was planned to be.
+struct Planned {
+    /// Drawn whatever comes of tests.
+    leaves: VisibleSet,
+    tests: u32,
+}
+
+fn draw_all_rounds(
+    renderer: &mut Renderer,
+    planner: &mut Planner,
+    (package, projection, visible): (&Package, &Projection, &VisibleSet),
+    mut look: impl FnMut(&PassResult, &Planned),
+) -> Result<()> {
+    let missing = VisibleSet::default();
+    let views = [ViewInput { view: VIEW, projection: *projection, visible, missing: &missing }];
+    let mut round = Some(planner.begin(FrameInput {
+        views: &views,
+        shared_eye: projection.eye,
+        manifest: &package.scene.manifest,
+        transforms: renderer.transforms(),
+        resident: &|_| true,
+        when_missing: WhenMissing::Hold,
+        has_changed: false,
+    }));
+    while let Some(plan) = round {
+        let pass = &plan.passes[0];
+        let mut planned =
+            Planned { leaves: pass.first.as_ref().unwrap_or(&pass.opaque).clone(), tests: pass.bounds.len() as u32 };
+        if pass.first.is_some() {
+            planned.tests = pass.opaque.len() + pass.blended.len() as u32;
+        } else {
+            pass.blended.iter().for_each(|leaf| planned.leaves.push_unordered(LeafRange::new(*leaf, leaf + 1)));
+            planned.leaves.normalize();
+        }
+        let results = renderer.draw(plan)?;
+        look(&results.passes[0], &planned);
+        round = planner.feed(&results);
+    }
+    Ok(())
+}
+
+fn triangles(of: &VisibleSet, leaves: &[LeafRecord]) -> u64 {
+    of.leaves().map(|leaf| u64::from(leaves[leaf as usize].triangle_count)).sum()
+}
+
+fn percent(part: u64, whole: u64) -> f64 {
+    if whole == 0 { 0.0 } else { 100.0 * part as f64 / whole as f64 }
+}
+
+impl Contestant {
+    fn row(&self, triangles: u64, frustum_ms: f64, cull_ms: f64, box_hidden: u64) -> Row {
+        let Self { mode, sums, .. } = self;
+        let all_ms: f64 = sums.frame_ms.iter().sum();
+        let frames = sums.frame_ms.len() as u64;
+        let shares_percent = sums.draw_ms.map(|draw_ms| {
+            let share = |ms: f64| 100.0 * ms / (all_ms + cull_ms);
+            [share(cull_ms), share(all_ms - draw_ms), share(draw_ms)]
+        });
+        let culled_percent = |drawn: u64| 100.0 - percent(drawn, triangles);
+        Row {
+            mode: mode.name(),
+            culled_percent: 100.0 - percent(sums.drawn.iter().sum(), triangles * frames),
+            frame_ms: Spread::of(sums.frame_ms.iter().copied()),
+            speed_up: frustum_ms / all_ms,
+            shares_percent,
+            tests: sums.tests as f64 / frames.max(1) as f64,
+            hidden_culled_percent: percent(sums.hidden_culled, box_hidden),
+            false_visible_percent: percent(sums.false_visible, sums.drawn_leaves),
+            wrong_pixels: sums.wrong_pixels,
+            by_frame: sums.frame_ms.iter().zip(&sums.drawn).map(|(ms, drawn)| [1e3 / ms, culled_percent(*drawn)]).collect(),
+        }
+    }
+}

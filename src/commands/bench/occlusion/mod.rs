@@ -1,0 +1,173 @@
+//! `mullion bench occlusion`.
+
+mod contest;
+mod figures;
+mod table;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, anyhow};
+use clap::ValueEnum;
+use mullion_client::gpu::{Gpu, GpuOptions};
+use mullion_client::occlusion::Occlusion;
+use mullion_common::camera_path::CameraPath;
+use mullion_common::wall::{Wall, WallConfig};
+use serde::Serialize;
+
+use self::contest::Contest;
+use self::table::Table;
+use super::machine::Machine;
+use crate::camera::PathSource;
+use crate::commands::prepare::HowToPrepare;
+use crate::files::{claim, is_standard_output, open_named_scene, write_json};
+use crate::say::say;
+
+/// What to draw, and how.
+#[derive(clap::Args)]
+pub struct Options {
+    /// glTF, GLB or package files, or names of generated scenes; those of the paper if none is named.
+    #[arg(long = "scene", value_name = "NAME|FILE", value_delimiter = ',', default_value = "cathedrals,city,forest,garbage")]
+    scenes: Vec<String>,
+    /// Camera path: a file, or a walk made for the scene: orbit, whole, interior, flythrough, pan. If left out, a scene of the paper has its
+    /// own (benches/paths), any other the interior walk.
+    #[arg(long, value_name = "NAME|FILE")]
+    path: Option<String>,
+    /// Ways to draw, beside frustum culling alone.
+    #[arg(long = "mode", value_name = "MODE", value_delimiter = ',', default_value = "paper,sampled,cost-adaptive,query,hiz")]
+    modes: Vec<Mode>,
+    /// Frames to measure.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    frames: u64,
+    /// Width and height of the picture, pixels.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "650x650", value_parser = parse_size)]
+    size: [u32; 2],
+    /// Write every figure and what machine this is (JSON; `-` for standard output).
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Draw the paper's figures 5, 7 and 9: frame rate and share culled, frame by frame (SVG), into this folder.
+    #[arg(long, value_name = "DIR")]
+    plots: Option<PathBuf>,
+    #[command(flatten)]
+    how: HowToPrepare,
+}
+
+/// A way to draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Mode {
+    /// All of the scene.
+    None,
+    /// What is in the view. Always measured.
+    Frustum,
+    /// The paper's loop, front to back.
+    Paper,
+    /// The same, a tenth of each bound looked at while the camera moves: an estimate.
+    Sampled,
+    /// The paper's loop within its share of the time (equation 2).
+    CostAdaptive,
+    /// Hardware occlusion queries.
+    Query,
+    /// Two passes and a pyramid of depths.
+    Hiz,
+}
+
+impl Mode {
+    /// As users write it.
+    fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Frustum => "frustum",
+            _ => self.occlusion().name(),
+        }
+    }
+
+    fn occlusion(self) -> Occlusion {
+        match self {
+            Self::None | Self::Frustum => Occlusion::Off,
+            Self::Paper => Occlusion::Paper,
+            Self::Sampled => Occlusion::Sampled,
+            Self::CostAdaptive => Occlusion::CostAdaptive,
+            Self::Query => Occlusion::Query,
+            Self::Hiz => Occlusion::Hiz,
+        }
+    }
+}
+
+/// Height of the screen that the picture is on, metres.
+const SCREEN_M: f64 = 2.0;
+
+/// The camera paths of the paper's scenes.
+const PATHS: [(&str, &str); 4] = [
+    ("cathedrals", include_str!("../../../../benches/paths/cathedrals.path")),
+    ("city", include_str!("../../../../benches/paths/city.path")),
+    ("forest", include_str!("../../../../benches/paths/forest.path")),
+    ("garbage", include_str!("../../../../benches/paths/garbage.path")),
+];
+
+fn parse_size(text: &str) -> Result<[u32; 2], String> {
+    let parsed = text.split_once('x').and_then(|(w, h)| Some([w.parse::<u32>().ok()?, h.parse::<u32>().ok()?]));
+    parsed
+        .filter(|size| size.iter().all(|edge| (1..=8192).contains(edge)))
+        .ok_or_else(|| format!("{text:?} is no size: width x height, each 1 to 8192 pixels, as in 650x650"))
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    machine: Machine,
+    gpu: String,
+    size_px: [u32; 2],
+    tables: &'a [Table],
+}
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    let source = options.path.as_deref().map(PathSource::open).transpose().context("--path")?;
+    let how = options.how.options()?;
+    options.json.as_deref().map_or(Ok(()), claim)?;
+    options.plots.as_ref().map_or(Ok(()), |folder| {
+        std::fs::create_dir_all(folder).with_context(|| format!("--plots: cannot make the folder {}", folder.display()))
+    })?;
+    let is_piped = options.json.as_deref().is_some_and(is_standard_output);
+    let (machine, gpu) = (Machine::this(), Gpu::open(GpuOptions::default())?);
+    if !is_piped {
+        say!("{machine}\n{}\n", gpu.describe());
+    }
+    let wall = wall(options.size)?;
+    let mut modes = options.modes.clone();
+    modes.retain(|mode| *mode != Mode::Frustum);
+    let mut tables = Vec::new();
+    for scene in &options.scenes {
+        let package = open_named_scene(scene, &how)?;
+        let name = PathBuf::from(scene).file_stem().map_or_else(|| scene.clone(), |stem| stem.to_string_lossy().into_owned());
+        let (path_name, path) = match (&source, PATHS.iter().find(|(of, _)| of == scene)) {
+            (Some(source), _) => (source.to_string(), source.path(&package, &wall, Some(options.frames))?),
+            (None, Some((of, text))) => {
+                (format!("benches/paths/{of}.path"), CameraPath::parse(text).context("a path of this program")?)
+            }
+            (None, None) => {
+                let source = PathSource::open("interior")?;
+                (source.to_string(), source.path(&package, &wall, Some(options.frames))?)
+            }
+        };
+        let table = Contest::new(&gpu, &package, &wall, &modes)?.measure((name, path_name), &path, options.frames)?;
+        if !is_piped {
+            table.print();
+        }
+        tables.push(table);
+    }
+    if let Some(folder) = &options.plots {
+        for file in figures::draw(&tables, folder)? {
+            if !is_piped {
+                say!("{}", file.display());
+            }
+        }
+    }
+    let report = Report { machine, gpu: gpu.describe(), size_px: options.size, tables: &tables };
+    options.json.as_ref().map_or(Ok(()), |path| write_json(&report, path))
+}
+
+/// A wall of one tile.
+fn wall([width, height]: [u32; 2]) -> Result<Wall> {
+    let width_m = SCREEN_M * f64::from(width) / f64::from(height);
+    let text = format!("[grid]\ncolumns = 1\nrows = 1\ntile_px = [{width}, {height}]\ntile_m = [{width_m:?}, {SCREEN_M:?}]\n");
+    WallConfig::parse(&text).map_err(|e| anyhow!("--size: {e}"))
+}
