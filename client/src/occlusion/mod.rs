@@ -1,5 +1,7 @@
 //! Leaving out what others hide (Bartz, Meißner, Hüttner 1999): which way.
 
+pub mod unit;
+
 use std::fmt;
 use std::str::FromStr;
 
