@@ -13,6 +13,7 @@ use super::device::{Gpu, GpuError};
 use super::draws::{DrawBuffers, DrawList, Instance, State};
 use super::pipelines::{Coverage, PipelineKey, Pipelines, Sides, Turn};
 use super::targets::{Attachments, CLEAR_COLOR, Shown, Target};
+use super::unit::Unit;
 use super::upload::{self, Materials, UploadError};
 use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
 
@@ -45,6 +46,7 @@ pub struct Renderer {
     recorded: Vec<(u64, u32)>,
     pub(super) pass: u64,
     pub(super) culling: Culling,
+    pub(super) unit: Unit,
     pub(super) last_submission: Option<wgpu::SubmissionIndex>,
 }
 
@@ -80,6 +82,7 @@ impl Renderer {
             recorded: vec![(0, 0); manifest.transforms.len()],
             pass: 0,
             culling: Culling::default(),
+            unit: Unit::default(),
             last_submission: None,
             manifest,
             gpu,
