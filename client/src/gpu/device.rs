@@ -36,6 +36,8 @@ pub enum GpuError {
     UnknownView(u16),
     #[error("this renderer draws no object ids")]
     NoIds,
+    #[error("the GPU cannot count: its fragment shaders write to no buffers")]
+    NoCounts,
 }
 
 /// wgpu, and what it finds. Without windows OpenGL is the last resort: merely loading it is slow, and makes it write to

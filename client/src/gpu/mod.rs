@@ -6,7 +6,8 @@
 //!                        ├ textures   decoded images with their mipmaps
 //!                        ├ pipelines  one for each way that a leaf can be drawn
 //!                        ├ draws      a pass as records, instances and batches
-//!                        └ occlusion  which of them are hidden
+//!                        ├ occlusion  which of them are hidden
+//!                        └ unit       how much of boxes is seen
 //! ```
 
 mod arena;
@@ -26,6 +27,7 @@ mod targets;
 mod test_box;
 mod textures;
 mod timer;
+mod unit;
 mod upload;
 
 pub use device::{DisplayHandle, Gpu, GpuError, GpuOptions};

@@ -46,6 +46,14 @@ impl Renderer {
         Ok(bytemuck::pod_collect_to_vec(&read_texture(&self.gpu, ids)?))
     }
 
+    /// For each pixel last drawn, row by row from the top left, its depth, reversed: 1 at the near plane, 0 where nothing is.
+    ///
+    /// # Errors
+    /// When the view is not this renderer's, or the GPU fails.
+    pub fn read_depth(&self, view: ViewId) -> Result<Vec<f32>, GpuError> {
+        Ok(bytemuck::pod_collect_to_vec(&read_texture(&self.gpu, &self.target(view)?.depth)?))
+    }
+
     fn target(&self, view: ViewId) -> Result<&Target, GpuError> {
         self.targets.iter().find(|t| t.view == view).ok_or(GpuError::UnknownView(view.0))
     }

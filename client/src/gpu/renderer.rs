@@ -14,6 +14,7 @@ use super::draws::{DrawBuffers, DrawList, Instance, State};
 use super::pipelines::{Coverage, PipelineKey, Pipelines, Sides, Surface, Turn};
 use super::targets::{Attachments, CLEAR_COLOR, Shown, Target};
 use super::timer::Pass;
+use super::unit::Unit;
 use super::upload::{self, Materials, UploadError};
 use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
 
@@ -46,6 +47,7 @@ pub struct Renderer {
     pub(super) recorded: Vec<(u64, u32)>,
     pub(super) pass: u64,
     pub(super) culling: Culling,
+    pub(super) unit: Unit,
     pub(super) last_submission: Option<wgpu::SubmissionIndex>,
 }
 
@@ -81,6 +83,7 @@ impl Renderer {
             recorded: vec![(0, 0); manifest.transforms.len()],
             pass: 0,
             culling: Culling::default(),
+            unit: Unit::default(),
             last_submission: None,
             manifest,
             gpu,

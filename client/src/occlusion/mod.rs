@@ -5,6 +5,8 @@ pub mod tree;
 pub mod view;
 pub mod worth;
 
+pub mod unit;
+
 use std::fmt;
 use std::str::FromStr;
 

@@ -6,3 +6,4 @@ mod culling;
 mod fixture;
 mod looks;
 mod occlusion;
+mod unit;
