@@ -11,8 +11,9 @@ use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId};
 
 use crate::missing::WhenMissing;
+use crate::occlusion::unit::{Counts, Footprint};
 use crate::occlusion::view::CulledView;
-use crate::occlusion::{BoxTest, Occlusion};
+use crate::occlusion::{Adaptive, BoxTest, Occlusion};
 
 /// What the planner needs to know of one frame.
 pub struct FrameInput<'a> {
@@ -68,6 +69,8 @@ pub struct PassPlan {
     pub retest: Retest,
     /// What is tested once this round is drawn, where nothing of it waits.
     pub bounds: Vec<Bound>,
+    /// What is counted once this round is drawn.
+    pub footprints: Vec<Footprint>,
     /// How boxes are tested, with occlusion culling.
     pub test: BoxTest,
     /// Blended leaves, drawn in this order: back to front, ties by leaf.
@@ -85,6 +88,16 @@ pub enum Bound {
     Leaf(u32),
     /// A box along the world's axes, metres.
     World(Aabb),
+}
+
+impl Bound {
+    /// The box along the world's axes, if it is one.
+    pub fn in_world(&self) -> Option<Aabb> {
+        match self {
+            Self::World(bounds) => Some(*bounds),
+            Self::Leaf(_) => None,
+        }
+    }
 }
 
 /// Some leaves, evenly chosen.
@@ -132,6 +145,8 @@ pub struct PassResult {
     pub seen: Option<VisibleSet>,
     /// Of each of the plan's bounds whether it is seen beyond what is drawn. Empty where the GPU cannot tell.
     pub bounds_seen: Vec<bool>,
+    /// Of each of the plan's footprints.
+    pub counts: Vec<Counts>,
     /// With occlusion culling, where the GPU has a clock.
     pub times: Option<Times>,
 }
@@ -153,6 +168,7 @@ pub struct Planner {
     keyed: Vec<(f64, u32)>,
     occlusion: Occlusion,
     leaves_off: bool,
+    adaptive: Option<Adaptive>,
     frames: u32,
     culled: Vec<CulledView>,
 }
@@ -167,6 +183,12 @@ impl Planner {
     #[must_use]
     pub fn culling(self, occlusion: Occlusion) -> Self {
         Self { occlusion, ..self }
+    }
+
+    /// The same, but what hardly contributes is left out too. Pictures change.
+    #[must_use]
+    pub fn adaptive(self, adaptive: Adaptive) -> Self {
+        Self { occlusion: Occlusion::Adaptive, adaptive: Some(adaptive), ..self }
     }
 
     /// The same, but where occlusion culling costs more than it saves it is left off for a while, by the GPU's clock. Of
@@ -184,7 +206,7 @@ impl Planner {
             let mut pass = self.plan_pass(&input, view);
             if self.occlusion != Occlusion::Off {
                 let at = self.culled.iter().position(|culled| culled.view() == view.view).unwrap_or_else(|| {
-                    self.culled.push(CulledView::new(view.view, self.occlusion, self.leaves_off));
+                    self.culled.push(CulledView::new(view.view, self.occlusion, (self.leaves_off, self.adaptive)));
                     self.culled.len() - 1
                 });
                 self.culled[at].begin(&input, &mut pass, self.frames);
@@ -215,6 +237,7 @@ impl Planner {
         pass.round = 0;
         pass.opaque.clear();
         pass.bounds.clear();
+        pass.footprints.clear();
         pass.first = None;
         pass.blended.clear();
         pass.boxes.clear();
@@ -245,6 +268,11 @@ impl Planner {
 }
 
 impl PassPlan {
+    /// Whether it is drawn in rounds.
+    pub fn is_round(&self) -> bool {
+        self.round > 0 || !self.bounds.is_empty() || !self.footprints.is_empty()
+    }
+
     /// A pass that draws nothing.
     pub fn new(view: ViewId, projection: Projection) -> Self {
         Self {
@@ -255,6 +283,7 @@ impl PassPlan {
             first: None,
             retest: Retest::ALL,
             bounds: Vec::new(),
+            footprints: Vec::new(),
             test: BoxTest::Drawn,
             blended: Vec::new(),
             boxes: Vec::new(),
@@ -362,6 +391,7 @@ mod tests {
             batches: 2,
             seen: None,
             bounds_seen: Vec::new(),
+            counts: Vec::new(),
             times: None,
         }
     }

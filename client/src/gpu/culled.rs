@@ -76,7 +76,7 @@ impl Renderer {
         self.encode_tests(at, &mut encoder, pass.test, true);
         let late = late_batches..self.list.batches.len();
         self.encode(&self.targets[at], &mut encoder, (Load::Keep, Some(Pass::Second)), late);
-        self.encode_times(at, &mut encoder);
+        self.encode_times(at, &mut encoder, 2);
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         self.culling.boxes = boxes;
         Ok(self.result(pass))
@@ -89,9 +89,9 @@ impl Renderer {
         tester.encode(&self.gpu, encoder, &mut self.targets[at], buffers, test);
     }
 
-    pub(super) fn encode_times(&self, at: usize, encoder: &mut wgpu::CommandEncoder) {
+    pub(super) fn encode_times(&self, at: usize, encoder: &mut wgpu::CommandEncoder, passes: u32) {
         let timer = self.targets[at].first.as_ref().and_then(|first| first.timer.as_ref());
-        timer.inspect(|timer| timer.resolve(encoder));
+        timer.inspect(|timer| timer.resolve(encoder, passes));
     }
 
     /// Waits until a target is drawn, takes what was not from its result, and tells what is seen.

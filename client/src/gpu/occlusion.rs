@@ -278,6 +278,11 @@ impl First {
         }
     }
 
+    /// Whether there were any boxes in the last pass.
+    pub fn have_boxes(&self) -> bool {
+        self.box_count > 0
+    }
+
     /// Whether the last boxes were queried: then there is an answer for each box, else a word for each thing that was asked for.
     pub fn is_queried(&self) -> bool {
         self.is_queried

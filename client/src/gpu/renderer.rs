@@ -172,7 +172,7 @@ impl Renderer {
                     culled.push((passes.len(), at));
                     self.draw_culled(at, pass, first)?
                 }
-                None if (pass.round > 0 || !pass.bounds.is_empty()) && self.can_cull(at) => {
+                None if pass.is_round() && self.can_cull(at) => {
                     culled.push((passes.len(), at));
                     self.draw_round(at, pass)?
                 }
@@ -182,7 +182,7 @@ impl Renderer {
         for (result, at) in culled {
             match plan.passes[result].first {
                 Some(_) => self.note_seen(at, &mut passes[result])?,
-                None => self.note_bounds(at, &mut passes[result])?,
+                None => self.note_bounds(at, &plan.passes[result], &mut passes[result])?,
             }
         }
         self.gpu.check()?;
@@ -233,6 +233,7 @@ impl Renderer {
             batches: self.list.batches.len() as u32,
             seen: None,
             bounds_seen: Vec::new(),
+            counts: Vec::new(),
             times: None,
         }
     }

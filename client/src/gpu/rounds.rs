@@ -30,13 +30,14 @@ impl Renderer {
         if let Some(first) = &mut target.first {
             first.write(&self.gpu, &boxes, pass.bounds.len() as u32)?;
         }
+        let box_count = boxes.len();
         self.culling.boxes = boxes;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("round") });
         self.encode(&self.targets[at], &mut encoder, (load, Some(Pass::Draws)), 0..self.list.batches.len());
-        if !pass.bounds.is_empty() {
+        if !pass.bounds.is_empty() || !pass.footprints.is_empty() {
             self.encode_tests(at, &mut encoder, pass.test, false);
         }
-        self.encode_times(at, &mut encoder);
+        self.encode_times(at, &mut encoder, if box_count > 0 { 2 } else { 1 });
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         let mut result = self.result(pass);
         result.bounds_seen.resize(pass.bounds.len(), false);
@@ -44,10 +45,13 @@ impl Renderer {
     }
 
     /// Waits until a round is drawn, and tells which of its bounds are seen.
-    pub(super) fn note_bounds(&mut self, at: usize, result: &mut PassResult) -> Result<(), GpuError> {
+    pub(super) fn note_bounds(&mut self, at: usize, pass: &PassPlan, result: &mut PassResult) -> Result<(), GpuError> {
+        if !pass.footprints.is_empty() {
+            result.counts = self.count_boxes(pass.view, &pass.footprints)?;
+        }
         let Some(first) = &self.targets[at].first else { return Ok(()) };
         let times = first.read_seen(&self.gpu, &mut self.culling.seen)?;
-        let have_bounds = !result.bounds_seen.is_empty();
+        let have_bounds = first.have_boxes();
         result.times = times
             .map(|[drawn, _, all]| Times { draw_us: drawn, test_us: if have_bounds { (all - drawn).max(0.0) } else { 0.0 } });
         result.bounds_seen.clear();

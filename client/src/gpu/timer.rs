@@ -59,9 +59,9 @@ impl Timer {
         }
     }
 
-    /// Fetches the stamps once what was encoded is done.
-    pub fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
-        encoder.resolve_query_set(&self.stamps, 0..STAMPS, &self.resolved, 0);
+    /// Fetches the stamps of one or both passes once what was encoded is done. Stamps that were not made never come.
+    pub fn resolve(&self, encoder: &mut wgpu::CommandEncoder, passes: u32) {
+        encoder.resolve_query_set(&self.stamps, 0..2 * passes, &self.resolved, 0);
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.read, 0, BYTES);
     }
 

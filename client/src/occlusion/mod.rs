@@ -26,6 +26,10 @@ pub enum Occlusion {
     CostAdaptive,
     /// What was seen is drawn at once, and all else asked for in groups, by the GPU's occlusion queries (Mattausch, Bittner, Wimmer 2008).
     Query,
+    /// The paper's loop, and what contributes less than a threshold is left out too (section 4.3): an estimate of what matters, no visible
+    /// set. [`Planner::adaptive`](crate::frame::Planner::adaptive) says how; tiles do not offer it, for neighbours would decide
+    /// differently about the same object.
+    Adaptive,
     /// What was seen in the last frame is drawn at once; boxes of all else are tested against a pyramid of its depths on the GPU, those that
     /// it leaves open are drawn against them, and what is seen is drawn after it. Where the GPU cannot, all is drawn.
     Hiz,
@@ -44,6 +48,22 @@ pub enum BoxTest {
     Sampled { every: u32, phase: u32 },
     /// By the GPU's occlusion queries.
     Queried,
+    /// Their pixels are counted.
+    Counted,
+}
+
+/// What [`Occlusion::Adaptive`] leaves out: bounds whose contribution (equation 1) is less than a threshold. For a wall of one view, whose
+/// screen is the view plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Adaptive {
+    /// Shares of the view plane's pixels, weighted by distance: see [`unit::contribution`].
+    pub threshold: f64,
+    /// With the pixels of the bound's projection in the place of those of them that are seen, as the equation is printed.
+    pub as_printed: bool,
+    /// The wall.
+    pub plane: unit::ViewPlane,
+    /// Width and height of the view.
+    pub size_px: [u32; 2],
 }
 
 /// That is none of [`Occlusion::ALL`].
@@ -52,7 +72,7 @@ pub enum BoxTest {
 pub struct UnknownOcclusion(String);
 
 impl Occlusion {
-    /// All of them.
+    /// Those that tiles offer.
     pub const ALL: [Self; 6] = [Self::Off, Self::Paper, Self::Sampled, Self::CostAdaptive, Self::Query, Self::Hiz];
 
     /// As users write it.
@@ -63,13 +83,14 @@ impl Occlusion {
             Self::Sampled => "sampled",
             Self::CostAdaptive => "cost-adaptive",
             Self::Query => "query",
+            Self::Adaptive => "adaptive",
             Self::Hiz => "hiz",
         }
     }
 
     /// Whether every picture is the same as without.
     pub fn is_exact(self) -> bool {
-        self != Self::Sampled
+        !matches!(self, Self::Sampled | Self::Adaptive)
     }
 }
 

@@ -47,6 +47,8 @@ pub struct Subject<'a> {
     pub eye: DVec3,
     /// Nothing moved since the last frame, neither the eye nor what it sees.
     pub is_still: bool,
+    /// Also leaves are asked for by their boxes in the world.
+    pub in_world: bool,
 }
 
 /// What a round draws, and what it asks for. All that is blended is drawn in the last.
@@ -94,6 +96,7 @@ pub struct Rounds {
     order: Order,
     tree: VisibleTree,
     eye: DVec3,
+    in_world: bool,
     list: BinaryHeap<Reverse<Entry>>,
     asked: Vec<Asked>,
     /// Nodes that wait for a round with room.
@@ -116,6 +119,7 @@ impl Rounds {
     /// Begins a frame.
     pub fn begin(&mut self, order: Order, subject: &Subject<'_>) {
         (self.order, self.eye, self.used_us, self.round.number) = (order, subject.eye, 0.0, 0);
+        self.in_world = subject.in_world;
         self.list.clear();
         self.waiting.clear();
         self.kept.clear();
@@ -211,8 +215,8 @@ impl Rounds {
     fn ask(&mut self, node: NodeId) {
         self.asked.push(Asked::Node(node));
         self.round.bounds.push(match self.tree.leaf(node) {
-            Some(leaf) => Bound::Leaf(leaf),
-            None => Bound::World(self.tree.bounds(node)),
+            Some(leaf) if !self.in_world => Bound::Leaf(leaf),
+            _ => Bound::World(self.tree.bounds(node)),
         });
     }
 

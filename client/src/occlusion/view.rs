@@ -1,11 +1,13 @@
 //! A view's culling, from frame to frame and round to round.
 
+use glam::DAffine3;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Projection, ViewId};
 
 use super::rounds::{Order, Round, Rounds, Subject};
+use super::unit::{Counts, Footprint, contribution, contribution_as_printed};
 use super::worth::{Budget, Outcome, Worth};
-use super::{BoxTest, Occlusion};
+use super::{Adaptive, BoxTest, Occlusion};
 use crate::frame::{FrameInput, PassPlan, PassResult, Retest, Times};
 
 /// Frames in which every leaf that is seen is tested once: its box is drawn over most of what it covers itself, and what became hidden may be
@@ -47,6 +49,10 @@ enum State {
 #[derive(Debug)]
 struct InRounds {
     rounds: Rounds,
+    adaptive: Option<Adaptive>,
+    /// Of what was asked for, with adaptive culling.
+    footprints: Vec<Footprint>,
+    is_seen: Vec<bool>,
     budget: Budget,
     times: Option<Times>,
     /// What is drawn after all else.
@@ -56,11 +62,15 @@ struct InRounds {
 
 impl CulledView {
     /// Of a view of which nothing is known. `occlusion` must not be [`Occlusion::Off`].
-    pub fn new(view: ViewId, occlusion: Occlusion, leaves_off: bool) -> Self {
+    /// `leaves_off`: where it costs more than it saves.
+    pub fn new(view: ViewId, occlusion: Occlusion, (leaves_off, adaptive): (bool, Option<Adaptive>)) -> Self {
         let state = match occlusion {
             Occlusion::Off | Occlusion::Hiz => State::Turns { seen: None, worth: leaves_off.then(Worth::default) },
             _ => State::Rounds(Box::new(InRounds {
                 rounds: Rounds::default(),
+                adaptive,
+                footprints: Vec::new(),
+                is_seen: Vec::new(),
                 budget: Budget::default(),
                 times: None,
                 blended: Vec::new(),
@@ -102,6 +112,7 @@ impl CulledView {
                     transforms: input.transforms,
                     eye: pass.projection.eye,
                     is_still: self.still > 0,
+                    in_world: self.occlusion == Occlusion::Adaptive,
                 };
                 let order = match self.occlusion {
                     Occlusion::Query => Order::Seen(retest),
@@ -112,6 +123,7 @@ impl CulledView {
                 state.rounds.begin(order, &subject);
                 pass.test = match self.occlusion {
                     Occlusion::Query => BoxTest::Queried,
+                    Occlusion::Adaptive => BoxTest::Counted,
                     Occlusion::Sampled => BoxTest::Sampled { every: SAMPLING, phase: self.still % SAMPLING },
                     _ => BoxTest::Drawn,
                 };
@@ -140,7 +152,8 @@ impl CulledView {
                     let sum = state.times.get_or_insert_default();
                     (sum.draw_us, sum.test_us) = (sum.draw_us + times.draw_us, sum.test_us + times.test_us);
                 }
-                let is_next = state.rounds.next(&result.bounds_seen, result.times);
+                state.take(result);
+                let is_next = state.rounds.next(&state.is_seen, result.times);
                 if is_next {
                     state.fill(pass);
                 } else if let Some(times) = state.times {
@@ -172,12 +185,41 @@ impl CulledView {
 }
 
 impl InRounds {
+    /// Takes whether what was asked for is seen, or contributes enough.
+    fn take(&mut self, result: &PassResult) {
+        self.is_seen.clear();
+        let Some(Adaptive { threshold, as_printed, plane, .. }) = self.adaptive else {
+            self.is_seen.extend_from_slice(&result.bounds_seen);
+            return;
+        };
+        let contributes = |(counts, footprint): (&Counts, &Footprint)| {
+            let object_m = footprint.distance_m() - plane.eye_m;
+            let share = if as_printed {
+                contribution_as_printed(counts, &plane, object_m)
+            } else {
+                contribution(counts, &plane, object_m)
+            };
+            counts.visible > 0 && share >= threshold
+        };
+        self.is_seen.extend(result.counts.iter().zip(&self.footprints).map(contributes));
+    }
+
     /// Makes a pass the round that is next.
-    fn fill(&self, pass: &mut PassPlan) {
+    fn fill(&mut self, pass: &mut PassPlan) {
         let Round { number, opaque, bounds, is_last } = self.rounds.round();
         pass.round = *number;
         pass.opaque.clone_from(opaque);
-        pass.bounds.clone_from(bounds);
+        pass.bounds.clear();
+        pass.footprints.clear();
+        match self.adaptive {
+            None => pass.bounds.extend_from_slice(bounds),
+            Some(Adaptive { size_px, .. }) => {
+                let whole = bounds.iter().filter_map(|bound| bound.in_world());
+                let footprint = |bound| Footprint::of(&pass.projection, size_px, &bound, &DAffine3::IDENTITY);
+                pass.footprints.extend(whole.map(footprint));
+                self.footprints.clone_from(&pass.footprints);
+            }
+        }
         pass.blended.clear();
         pass.boxes.clear();
         if *is_last {

@@ -15,8 +15,8 @@ use mullion_common::wall::{Projection, ViewId, Wall};
 use mullion_server::cull::{Algorithm, Culler};
 use mullion_server::tree::CullTree;
 
-use super::Mode;
 use super::table::{Row, Table};
+use super::{Mode, Way};
 use crate::show::Spread;
 
 const VIEW: ViewId = ViewId(0);
@@ -34,7 +34,7 @@ pub struct Contest<'a> {
 }
 
 struct Contestant {
-    mode: Mode,
+    way: Way,
     planner: Planner,
     sums: Sums,
 }
@@ -72,7 +72,7 @@ struct Truth {
 
 impl<'a> Contest<'a> {
     /// Uploads the scene.
-    pub fn new(gpu: &Arc<Gpu>, package: &'a Package, wall: &'a Wall, modes: &[Mode]) -> Result<Self> {
+    pub fn new(gpu: &Arc<Gpu>, package: &'a Package, wall: &'a Wall, ways: &[Way]) -> Result<Self> {
         let renderer = |attachments| -> Result<Renderer> {
             let manifest = Arc::new(package.scene.manifest.clone());
             let targets = [ViewTarget { view: VIEW, size_px: wall.tiles()[0].size_px }];
@@ -82,11 +82,9 @@ impl<'a> Contest<'a> {
             }
             Ok(renderer)
         };
-        let contestant = |mode: Mode| {
-            let planner = Planner::new().culling(mode.occlusion()).while_worth();
-            Contestant { mode, planner, sums: Sums::default() }
-        };
-        let contestants = std::iter::once(Mode::Frustum).chain(modes.iter().copied()).map(contestant).collect();
+        let contestant = |way: Way| Contestant { way, planner: way.planner(), sums: Sums::default() };
+        let frustum = Way { mode: Mode::Frustum, adaptive: None };
+        let contestants = std::iter::once(frustum).chain(ways.iter().copied()).map(contestant).collect();
         let (plain, culled) = (renderer(Attachments::Color)?, renderer(Attachments::ColorAndIds)?);
         Ok(Self { package, wall, plain, culled, contestants })
     }
@@ -112,7 +110,7 @@ impl<'a> Contest<'a> {
             let count = self.contestants.len();
             for at in 0..count {
                 let at = (at + frame as usize) % count;
-                let visible = if self.contestants[at].mode == Mode::None { &all } else { &sets[0] };
+                let visible = if self.contestants[at].way.mode == Mode::None { &all } else { &sets[0] };
                 let drawn = self.draw(at, &projection, visible)?;
                 if counts {
                     self.add(at, drawn, &truth)?;
@@ -145,8 +143,8 @@ impl<'a> Contest<'a> {
 
     /// Draws a frame in one way.
     fn draw(&mut self, at: usize, projection: &Projection, visible: &VisibleSet) -> Result<Drawn> {
-        let Contestant { mode, planner, .. } = &mut self.contestants[at];
-        let renderer = if mode.occlusion() == Occlusion::Off { &mut self.plain } else { &mut self.culled };
+        let Contestant { way, planner, .. } = &mut self.contestants[at];
+        let renderer = if way.mode.occlusion() == Occlusion::Off { &mut self.plain } else { &mut self.culled };
         let mut drawn = Drawn::default();
         let started = Instant::now();
         draw_all_rounds(renderer, planner, (self.package, projection, visible), |result, round| {
@@ -169,7 +167,7 @@ impl<'a> Contest<'a> {
 
     /// Looks at what was drawn.
     fn add(&mut self, at: usize, drawn: Drawn, truth: &Truth) -> Result<()> {
-        let mode = self.contestants[at].mode;
+        let mode = self.contestants[at].way.mode;
         let wrong = if mode.occlusion() == Occlusion::Off {
             0
         } else {
@@ -239,8 +237,10 @@ fn draw_all_rounds(
     }));
     while let Some(plan) = round {
         let pass = &plan.passes[0];
-        let mut planned =
-            Planned { leaves: pass.first.as_ref().unwrap_or(&pass.opaque).clone(), tests: pass.bounds.len() as u32 };
+        let mut planned = Planned {
+            leaves: pass.first.as_ref().unwrap_or(&pass.opaque).clone(),
+            tests: (pass.bounds.len() + pass.footprints.len()) as u32,
+        };
         if pass.first.is_some() {
             planned.tests = pass.opaque.len() + pass.blended.len() as u32;
         } else {
@@ -264,7 +264,7 @@ fn percent(part: u64, whole: u64) -> f64 {
 
 impl Contestant {
     fn row(&self, triangles: u64, frustum_ms: f64, cull_ms: f64, box_hidden: u64) -> Row {
-        let Self { mode, sums, .. } = self;
+        let Self { way, sums, .. } = self;
         let all_ms: f64 = sums.frame_ms.iter().sum();
         let frames = sums.frame_ms.len() as u64;
         let shares_percent = sums.draw_ms.map(|draw_ms| {
@@ -273,7 +273,7 @@ impl Contestant {
         });
         let culled_percent = |drawn: u64| 100.0 - percent(drawn, triangles);
         Row {
-            mode: mode.name(),
+            mode: way.name(),
             culled_percent: 100.0 - percent(sums.drawn.iter().sum(), triangles * frames),
             frame_ms: Spread::of(sums.frame_ms.iter().copied()),
             speed_up: frustum_ms / all_ms,

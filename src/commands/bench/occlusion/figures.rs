@@ -22,7 +22,7 @@ pub fn draw(tables: &[Table], folder: &Path) -> Result<Vec<PathBuf>> {
         {
             let frame = Frame { title: &title, x_title: "frame", y_title, y_scale };
             let series: Vec<Series> = (table.rows.iter())
-                .map(|row| Series { name: row.mode.to_owned(), values: row.by_frame.iter().map(|values| values[at]).collect() })
+                .map(|row| Series { name: row.mode.clone(), values: row.by_frame.iter().map(|values| values[at]).collect() })
                 .collect();
             let file = folder.join(format!("{}-{what}.svg", file_name(&table.scene)));
             fs::write(&file, plot::lines(&frame, &series)?).with_context(|| format!("cannot write {}", file.display()))?;

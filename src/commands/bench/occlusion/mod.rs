@@ -8,8 +8,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, anyhow};
 use clap::ValueEnum;
+use mullion_client::frame::Planner;
 use mullion_client::gpu::{Gpu, GpuOptions};
-use mullion_client::occlusion::Occlusion;
+use mullion_client::occlusion::unit::ViewPlane;
+use mullion_client::occlusion::{Adaptive, Occlusion};
 use mullion_common::camera_path::CameraPath;
 use mullion_common::wall::{Wall, WallConfig};
 use serde::Serialize;
@@ -33,8 +35,19 @@ pub struct Options {
     #[arg(long, value_name = "NAME|FILE")]
     path: Option<String>,
     /// Ways to draw, beside frustum culling alone.
-    #[arg(long = "mode", value_name = "MODE", value_delimiter = ',', default_value = "paper,sampled,cost-adaptive,query,hiz")]
+    #[arg(
+        long = "mode",
+        value_name = "MODE",
+        value_delimiter = ',',
+        default_value = "paper,sampled,cost-adaptive,query,hiz,adaptive"
+    )]
     modes: Vec<Mode>,
+    /// With the mode adaptive: what contributes less is left out (equation 1), as a share of the view plane's pixels. Several: a row each.
+    #[arg(long, value_name = "SHARES", value_delimiter = ',', default_value = "0.01", value_parser = parse_share)]
+    threshold: Vec<f64>,
+    /// With the mode adaptive: equation 1 as it is printed, which counts all pixels of a bound, hidden or not.
+    #[arg(long, value_name = "printed")]
+    adaptive: Option<Printed>,
     /// Frames to measure.
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     frames: u64,
@@ -49,6 +62,37 @@ pub struct Options {
     plots: Option<PathBuf>,
     #[command(flatten)]
     how: HowToPrepare,
+}
+
+/// Which form of equation 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Printed {
+    /// As it is printed.
+    Printed,
+}
+
+/// A mode with what it needs to know.
+#[derive(Clone, Copy, Debug)]
+pub struct Way {
+    mode: Mode,
+    adaptive: Option<Adaptive>,
+}
+
+impl Way {
+    fn name(&self) -> String {
+        match self.adaptive {
+            Some(Adaptive { threshold, as_printed: false, .. }) => format!("adaptive {threshold}"),
+            Some(Adaptive { threshold, .. }) => format!("printed {threshold}"),
+            None => self.mode.name().to_owned(),
+        }
+    }
+
+    fn planner(&self) -> Planner {
+        match self.adaptive {
+            Some(adaptive) => Planner::new().adaptive(adaptive),
+            None => Planner::new().culling(self.mode.occlusion()).while_worth(),
+        }
+    }
 }
 
 /// A way to draw.
@@ -68,6 +112,8 @@ pub enum Mode {
     Query,
     /// Two passes and a pyramid of depths.
     Hiz,
+    /// The paper's loop, without what hardly contributes: an estimate.
+    Adaptive,
 }
 
 impl Mode {
@@ -88,6 +134,7 @@ impl Mode {
             Self::CostAdaptive => Occlusion::CostAdaptive,
             Self::Query => Occlusion::Query,
             Self::Hiz => Occlusion::Hiz,
+            Self::Adaptive => Occlusion::Adaptive,
         }
     }
 }
@@ -102,6 +149,11 @@ const PATHS: [(&str, &str); 4] = [
     ("forest", include_str!("../../../../benches/paths/forest.path")),
     ("garbage", include_str!("../../../../benches/paths/garbage.path")),
 ];
+
+fn parse_share(text: &str) -> Result<f64, String> {
+    let parsed = text.parse().ok().filter(|share: &f64| share.is_finite() && *share >= 0.0);
+    parsed.ok_or_else(|| format!("{text:?} is no share: a number from 0 on, as in 0.01"))
+}
 
 fn parse_size(text: &str) -> Result<[u32; 2], String> {
     let parsed = text.split_once('x').and_then(|(w, h)| Some([w.parse::<u32>().ok()?, h.parse::<u32>().ok()?]));
@@ -132,8 +184,7 @@ pub fn run(options: &Options) -> Result<()> {
         say!("{machine}\n{}\n", gpu.describe());
     }
     let wall = wall(options.size)?;
-    let mut modes = options.modes.clone();
-    modes.retain(|mode| *mode != Mode::Frustum);
+    let ways = ways(options, &wall);
     let mut tables = Vec::new();
     for scene in &options.scenes {
         let package = open_named_scene(scene, &how)?;
@@ -148,7 +199,7 @@ pub fn run(options: &Options) -> Result<()> {
                 (source.to_string(), source.path(&package, &wall, Some(options.frames))?)
             }
         };
-        let table = Contest::new(&gpu, &package, &wall, &modes)?.measure((name, path_name), &path, options.frames)?;
+        let table = Contest::new(&gpu, &package, &wall, &ways)?.measure((name, path_name), &path, options.frames)?;
         if !is_piped {
             table.print();
         }
@@ -163,6 +214,24 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let report = Report { machine, gpu: gpu.describe(), size_px: options.size, tables: &tables };
     options.json.as_ref().map_or(Ok(()), |path| write_json(&report, path))
+}
+
+/// All that is measured beside frustum culling.
+fn ways(options: &Options, wall: &Wall) -> Vec<Way> {
+    let eye_m = wall.default_eyes().first().map_or(1.0, |eye| eye.z);
+    let plane = ViewPlane { pixels: options.size.iter().map(|edge| u64::from(*edge)).product(), eye_m };
+    let adaptive = |threshold| {
+        let as_printed = options.adaptive.is_some();
+        Way { mode: Mode::Adaptive, adaptive: Some(Adaptive { threshold, as_printed, plane, size_px: options.size }) }
+    };
+    let mut ways = Vec::new();
+    for &mode in options.modes.iter().filter(|mode| **mode != Mode::Frustum) {
+        match mode {
+            Mode::Adaptive => ways.extend(options.threshold.iter().copied().map(adaptive)),
+            _ => ways.push(Way { mode, adaptive: None }),
+        }
+    }
+    ways
 }
 
 /// A wall of one tile.

@@ -25,7 +25,7 @@ pub struct Table {
 /// One way to draw it.
 #[derive(Serialize)]
 pub struct Row {
-    pub mode: &'static str,
+    pub mode: String,
     pub culled_percent: f64,
     /// From the pose to the picture.
     pub frame_ms: Spread,
@@ -56,7 +56,7 @@ impl Table {
         );
         say!("{:.1} % a hidden box", self.box_hidden_percent);
         say!(
-            "{:14} {:>8} {:>10} {:>9} {:>8} {:>23} {:>8} {:>12} {:>13} {:>7}",
+            "{:16} {:>8} {:>10} {:>9} {:>8} {:>23} {:>8} {:>12} {:>13} {:>7}",
             "",
             "culled",
             "median ms",
@@ -79,7 +79,7 @@ impl Row {
             .shares_percent
             .map_or_else(|| "—".to_owned(), |[frustum, occlusion, draw]| format!("{frustum:.1} / {occlusion:.1} / {draw:.1} %"));
         say!(
-            "{:14} {:7.2}% {:10.2} {:9.2} {:8.2} {shares:>23} {:8.0} {:11.2}% {:12.2}% {:7}",
+            "{:16} {:7.2}% {:10.2} {:9.2} {:8.2} {shares:>23} {:8.0} {:11.2}% {:12.2}% {:7}",
             self.mode,
             self.culled_percent,
             self.frame_ms.median,
