@@ -12,12 +12,14 @@ use super::pipelines::PipelineKey;
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Instance {
+    pub base_color: [f32; 4],
     /// Index of its `clip_from_local` among the records.
     pub record: u32,
-    pub material: u32,
     pub leaf: u32,
+    /// Fragments of masked leaves with less alpha are dropped.
+    pub alpha_cutoff: f32,
 }
-const _: () = assert!(size_of::<Instance>() == 12);
+const _: () = assert!(size_of::<Instance>() == 28);
 
 /// Arguments of an indexed draw, as Vulkan, Metal, DX12 and GL take them from a buffer.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]

@@ -89,7 +89,7 @@ impl Coverage {
 
 /// Layouts and pipelines for one choice of attachments.
 pub(super) struct Pipelines {
-    /// View, records, materials.
+    /// View, records.
     pub view_layout: wgpu::BindGroupLayout,
     /// Texture and sampler.
     pub texture_layout: wgpu::BindGroupLayout,
@@ -177,7 +177,7 @@ fn pipeline(
                 Some(wgpu::VertexBufferLayout {
                     array_stride: size_of::<Instance>() as u64,
                     step_mode: wgpu::VertexStepMode::Instance,
-                    attributes: &wgpu::vertex_attr_array![3 => Uint32x3],
+                    attributes: &wgpu::vertex_attr_array![3 => Float32x4, 4 => Uint32x2, 5 => Float32],
                 }),
             ],
         },
@@ -222,7 +222,6 @@ fn view_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
         entries: &[
             buffer(0, wgpu::ShaderStages::FRAGMENT, wgpu::BufferBindingType::Uniform),
             buffer(1, wgpu::ShaderStages::VERTEX, read_only),
-            buffer(2, wgpu::ShaderStages::FRAGMENT, read_only),
         ],
     })
 }

@@ -10,7 +10,7 @@ use mullion_common::wall::ViewId;
 use super::arena::{Arena, Slot};
 use super::culled::Culling;
 use super::device::{Gpu, GpuError};
-use super::draws::{DrawBuffers, DrawList, Instance, State};
+use super::draws::{DrawBuffers, DrawList, State};
 use super::pipelines::{Coverage, PipelineKey, Pipelines, Sides, Surface, Turn};
 use super::targets::{Attachments, CLEAR_COLOR, Shown, Target};
 use super::timer::Pass;
@@ -102,7 +102,6 @@ impl Renderer {
         self.recorded.resize(manifest.transforms.len(), (0, 0));
         self.geometry.resize(manifest.chunks.len(), None);
         self.materials.grow(&self.gpu, &manifest);
-        self.targets.iter_mut().for_each(Target::unbind);
         self.manifest = manifest;
         self.gpu.check()
     }
@@ -214,7 +213,7 @@ impl Renderer {
         self.buffers.write(&self.gpu, &self.list)?;
         let (target, records) = (&mut self.targets[at], &self.buffers.records);
         target.write_uniform(&self.gpu, &pass.projection);
-        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer), &self.materials.buffer);
+        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer));
 
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
         self.encode(&self.targets[at], &mut encoder, (Load::Clear, None), 0..self.list.batches.len());
@@ -259,7 +258,7 @@ impl Renderer {
             let sides = if self.mirrored[object] { Sides::FrontMirrored } else { Sides::Front };
             let pipeline = PipelineKey::new(Coverage::Opaque, Surface::Plain, sides);
             let state = State { pipeline, texture: Materials::NO_TEXTURE, page: self.cube.page };
-            let instance = Instance { record, material: leaf.material.0, leaf: number };
+            let instance = self.materials.states[leaf.material.0 as usize].instance(record, number);
             self.list.push(state, instance, (self.cube.first_index, self.cube.index_count), self.cube.first_vertex);
         }
         self.list.stand_ins = begin..self.list.arguments.len() as u32;
@@ -286,7 +285,7 @@ impl Renderer {
             };
             let pipeline = PipelineKey::new(material.coverage, material.surface(), sides).in_turn(turn);
             let state = State { pipeline, texture: material.texture, page: slot.page };
-            let instance = Instance { record: self.recorded[object].1, material: record.material.0, leaf };
+            let instance = material.instance(self.recorded[object].1, leaf);
             self.list.push(state, instance, (slot.first_index, slot.index_count), slot.first_vertex);
         }
     }

@@ -26,7 +26,7 @@ impl Renderer {
         let target = &mut self.targets[at];
         target.write_uniform(&self.gpu, &pass.projection);
         let records = &self.buffers.records;
-        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer), &self.materials.buffer);
+        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer));
         if let Some(first) = &mut target.first {
             first.write(&self.gpu, &boxes, pass.bounds.len() as u32)?;
         }

@@ -60,7 +60,7 @@ pub(super) struct Target {
     /// Made when it is first shown.
     pub shown: Option<wgpu::Texture>,
     uniform: wgpu::Buffer,
-    /// View, records and materials; of which generation of the records' buffer.
+    /// View and records; of which generation of the records' buffer.
     pub bindings: Option<(u64, wgpu::BindGroup)>,
 }
 
@@ -110,26 +110,15 @@ impl Target {
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }
 
-    /// Binds view, records and materials, anew when the records have moved to another buffer.
-    pub fn bind(
-        &mut self,
-        gpu: &Gpu,
-        layout: &wgpu::BindGroupLayout,
-        (generation, records): (u64, &wgpu::Buffer),
-        materials: &wgpu::Buffer,
-    ) {
+    /// Binds view and records, anew when the records have moved to another buffer.
+    pub fn bind(&mut self, gpu: &Gpu, layout: &wgpu::BindGroupLayout, (generation, records): (u64, &wgpu::Buffer)) {
         if self.bindings.as_ref().is_some_and(|(bound, _)| *bound == generation) {
             return;
         }
-        let entries = [(0, &self.uniform), (1, records), (2, materials)]
+        let entries = [(0, &self.uniform), (1, records)]
             .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
         let descriptor = wgpu::BindGroupDescriptor { label: Some("view"), layout, entries: &entries };
         self.bindings = Some((generation, gpu.device.create_bind_group(&descriptor)));
-    }
-
-    /// Forgets the buffers that were bound: there are others.
-    pub fn unbind(&mut self) {
-        self.bindings = None;
     }
 
     /// Queues a copy of what was drawn to what is shown.

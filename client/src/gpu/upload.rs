@@ -2,12 +2,12 @@
 
 use std::collections::HashMap;
 
-use bytemuck::{Pod, Zeroable};
 use mullion_common::scene::{AlphaMode, ChunkError, ChunkId, Filter, GeometryChunk, Material, SceneManifest, TextureRef, Wrap};
 use thiserror::Error;
 
 use super::arena::{Arena, Slot, Vertex};
 use super::device::{Gpu, GpuError};
+use super::draws::Instance;
 use super::pipelines::{Coverage, Surface, bind_texture};
 use super::textures;
 
@@ -27,19 +27,11 @@ pub enum UploadError {
     Image(String),
 }
 
-/// What the fragment shader knows of a material.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct MaterialRecord {
-    base_color: [f32; 4],
-    alpha_cutoff: f32,
-    unused: [f32; 3],
-}
-const _: () = assert!(size_of::<MaterialRecord>() == 32);
-
-/// What a material asks of the state.
+/// What a material asks of the state and of its leaves' instances.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MaterialState {
+    base_color: [f32; 4],
+    alpha_cutoff: f32,
     pub coverage: Coverage,
     pub double_sided: bool,
     /// Index in [`Materials::bindings`].
@@ -47,6 +39,10 @@ pub(super) struct MaterialState {
 }
 
 impl MaterialState {
+    pub fn instance(&self, record: u32, leaf: u32) -> Instance {
+        Instance { base_color: self.base_color, record, leaf, alpha_cutoff: self.alpha_cutoff }
+    }
+
     pub fn surface(&self) -> Surface {
         if self.texture == Materials::NO_TEXTURE { Surface::Plain } else { Surface::Textured }
     }
@@ -54,7 +50,6 @@ impl MaterialState {
 
 /// Materials and their textures.
 pub(super) struct Materials {
-    pub buffer: wgpu::Buffer,
     pub states: Vec<MaterialState>,
     /// For each distinct use of a texture; the first is of no texture.
     pub bindings: Vec<wgpu::BindGroup>,
@@ -81,7 +76,6 @@ impl Materials {
         let (checker, _) = textures::create(gpu, textures::checker());
         let no_texture = gpu.device.create_sampler(&wgpu::SamplerDescriptor::default());
         let mut materials = Self {
-            buffer: buffer_of(gpu, manifest),
             states: Vec::new(),
             bindings: vec![bind_texture(&gpu.device, layout, &white, &no_texture)],
             uses: Vec::new(),
@@ -97,14 +91,19 @@ impl Materials {
 
     /// Takes the materials of a scene that has more of them, behind those that are here.
     pub fn grow(&mut self, gpu: &Gpu, manifest: &SceneManifest) {
-        self.buffer = buffer_of(gpu, manifest);
         self.add(gpu, &manifest.materials[self.states.len().min(manifest.materials.len())..]);
     }
 
     fn add(&mut self, gpu: &Gpu, materials: &[Material]) {
         for material in materials {
             let texture = material.texture.map_or(Self::NO_TEXTURE, |texture| self.number(gpu, texture));
-            self.states.push(MaterialState { coverage: Coverage::of(material), double_sided: material.double_sided, texture });
+            self.states.push(MaterialState {
+                base_color: material.base_color,
+                alpha_cutoff: if let AlphaMode::Mask { cutoff } = material.alpha { cutoff } else { 0.0 },
+                coverage: Coverage::of(material),
+                double_sided: material.double_sided,
+                texture,
+            });
         }
     }
 
@@ -157,24 +156,6 @@ impl Materials {
             *binding = bind_texture(&gpu.device, &self.layout, view, &sampler(gpu, *texture));
         }
     }
-}
-
-/// What the fragment shader knows of all materials.
-fn buffer_of(gpu: &Gpu, manifest: &SceneManifest) -> wgpu::Buffer {
-    let mut records: Vec<MaterialRecord> = Vec::with_capacity(manifest.materials.len().max(1));
-    records.extend(manifest.materials.iter().map(|material| {
-        let alpha_cutoff = if let AlphaMode::Mask { cutoff } = material.alpha { cutoff } else { 0.0 };
-        MaterialRecord { base_color: material.base_color, alpha_cutoff, unused: [0.0; 3] }
-    }));
-    records.resize(records.len().max(1), MaterialRecord::zeroed());
-    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("materials"),
-        size: size_of_val(records.as_slice()) as u64,
-        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    });
-    gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&records));
-    buffer
 }
 
 fn sampler(gpu: &Gpu, texture: TextureRef) -> wgpu::Sampler {

@@ -12,7 +12,7 @@ use crate::frame::{FrameInput, PassPlan, PassResult, Retest, Times};
 
 /// Frames in which every leaf that is seen is tested once: its box is drawn over most of what it covers itself, and what became hidden may be
 /// drawn that much longer.
-const RETEST_FRAMES: u32 = 4;
+const RETEST_FRAMES: u32 = 1;
 /// While something moves, one of so many spans of a bound is looked at (section 4.2).
 const SAMPLING: u32 = 10;
 

@@ -19,15 +19,8 @@ struct View {
     unused: vec2f,
 }
 
-struct Material {
-    base_color: vec4f,
-    // Fragments of masked materials with less alpha are dropped.
-    alpha_cutoff: f32,
-}
-
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> clip_from_local: array<mat4x4f>;
-@group(0) @binding(2) var<storage, read> materials: array<Material>;
 @group(1) @binding(0) var base_color_texture: texture_2d<f32>;
 @group(1) @binding(1) var base_color_sampler: sampler;
 // Of what was drawn in the first turn, for those of the late one: depth, and leaves plus one.
@@ -45,8 +38,10 @@ struct Vertex {
     @location(0) position: vec3f,
     @location(1) uv: vec2f,
     @location(2) color: vec4f,
-    // Per leaf: index in clip_from_local, index in materials, number.
-    @location(3) leaf: vec3u,
+    // Per leaf: base colour; index in clip_from_local, and number; with less alpha fragments of masked leaves are dropped.
+    @location(3) base_color: vec4f,
+    @location(4) leaf: vec2u,
+    @location(5) alpha_cutoff: f32,
 }
 
 struct Fragment {
@@ -54,8 +49,10 @@ struct Fragment {
     // Texture coordinates and w of the clip position.
     @location(0) uv_w: vec3f,
     @location(1) color: vec4f,
-    // Index in materials, leaf.
-    @location(2) @interpolate(flat) leaf: vec2u,
+    // Of the leaf: from here all is read from instances, for a lookup in a buffer costs a software renderer a loop over pixels.
+    @location(2) @interpolate(flat) base_color: vec4f,
+    @location(3) @interpolate(flat) leaf: u32,
+    @location(4) @interpolate(flat) alpha_cutoff: f32,
 }
 
 struct Pixel {
@@ -67,7 +64,7 @@ struct Pixel {
 @vertex
 fn vertex(in: Vertex) -> Fragment {
     let clip = clip_from_local[in.leaf.x] * vec4f(in.position, 1.0);
-    return Fragment(clip, vec3f(in.uv, clip.w), in.color, in.leaf.yz);
+    return Fragment(clip, vec3f(in.uv, clip.w), in.color, in.base_color, in.leaf.y, in.alpha_cutoff);
 }
 
 // Share of the light that the fragment's triangle sends back.
@@ -93,7 +90,7 @@ override is_textured: bool = true;
 
 // Base colour before light. The level of detail is isotropic, of the larger of the two footprints.
 fn base_color(in: Fragment) -> vec4f {
-    let factor = in.color * materials[in.leaf.x].base_color;
+    let factor = in.color * in.base_color;
     if !is_textured {
         return factor;
     }
@@ -126,16 +123,16 @@ fn rounded_depth(in: Fragment) -> f32 {
 // The lines of this form are replaced where the GPU lets a shader promise that it only moves depth away: then it may
 // still drop hidden fragments before they are shaded.
 fn opaque_pixel(in: Fragment) -> Pixel {
-    return Pixel(vec4f(base_color(in).rgb * light(in), 1.0), in.leaf.y + 1u, rounded_depth(in));
+    return Pixel(vec4f(base_color(in).rgb * light(in), 1.0), in.leaf + 1u, rounded_depth(in));
 }
 
 fn masked_pixel(in: Fragment) -> Pixel {
     let color = base_color(in);
     let lit = color.rgb * light(in);
-    if color.a < materials[in.leaf.x].alpha_cutoff {
+    if color.a < in.alpha_cutoff {
         discard;
     }
-    return Pixel(vec4f(lit, 1.0), in.leaf.y + 1u, rounded_depth(in));
+    return Pixel(vec4f(lit, 1.0), in.leaf + 1u, rounded_depth(in));
 }
 
 // EARLY_DEPTH
@@ -155,7 +152,7 @@ fn masked(in: Fragment) -> Pixel {
 fn late_depth(in: Fragment, depth: f32) -> f32 {
     let at = vec2i(in.position.xy);
     let before = bitcast<u32>(textureLoad(first_depth, at, 0));
-    let wins = in.leaf.y + 1u < textureLoad(first_ids, at, 0).x;
+    let wins = in.leaf + 1u < textureLoad(first_ids, at, 0).x;
     let ties = bitcast<u32>(depth) == (before >> ROUNDED_BITS) << ROUNDED_BITS;
     return select(depth, bitcast<f32>(before + 1u), ties && wins);
 }

@@ -4,12 +4,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use image::RgbaImage;
 use mullion_client::frame::{FrameInput, PassResult, Planner, ViewInput};
 use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
 use mullion_client::missing::WhenMissing;
 use mullion_client::occlusion::Occlusion;
 use mullion_common::camera_path::CameraPath;
-use mullion_common::scene::{ChunkId, LeafRecord, Package};
+use mullion_common::scene::{AlphaMode, ChunkId, LeafRecord, Package};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId, Wall};
 use mullion_server::cull::{Algorithm, Culler};
@@ -68,6 +69,8 @@ struct Truth {
     with_pixel: VisibleSet,
     /// Leaves in the frustum whose boxes are hidden.
     box_hidden: VisibleSet,
+    /// Of all that is in the frustum.
+    picture: RgbaImage,
 }
 
 impl<'a> Contest<'a> {
@@ -110,7 +113,11 @@ impl<'a> Contest<'a> {
             let count = self.contestants.len();
             for at in 0..count {
                 let at = (at + frame as usize) % count;
-                let visible = if self.contestants[at].way.mode == Mode::None { &all } else { &sets[0] };
+                let visible = match self.contestants[at].way.mode {
+                    Mode::None => &all,
+                    Mode::Perfect => &truth.with_pixel,
+                    _ => &sets[0],
+                };
                 let drawn = self.draw(at, &projection, visible)?;
                 if counts {
                     self.add(at, drawn, &truth)?;
@@ -168,12 +175,9 @@ impl<'a> Contest<'a> {
     /// Looks at what was drawn.
     fn add(&mut self, at: usize, drawn: Drawn, truth: &Truth) -> Result<()> {
         let mode = self.contestants[at].way.mode;
-        let wrong = if mode.occlusion() == Occlusion::Off {
-            0
-        } else {
-            let (plain, culled) = (self.plain.read_color(VIEW)?, self.culled.read_color(VIEW)?);
-            plain.pixels().zip(culled.pixels()).filter(|(plain, culled)| plain != culled).count()
-        };
+        let renderer = if mode.occlusion() == Occlusion::Off { &self.plain } else { &self.culled };
+        let picture = renderer.read_color(VIEW)?;
+        let wrong = truth.picture.pixels().zip(picture.pixels()).filter(|(true_one, drawn)| true_one != drawn).count();
         let (mut kept, mut without_pixel) = (VisibleSet::default(), VisibleSet::default());
         truth.box_hidden.difference_into(&drawn.leaves, &mut kept);
         drawn.leaves.difference_into(&truth.with_pixel, &mut without_pixel);
@@ -191,7 +195,7 @@ impl<'a> Contest<'a> {
         Ok(())
     }
 
-    /// Draws all that is in the frustum, in both ways, and tests all boxes against it. The plain picture is there afterwards.
+    /// Draws all that is in the frustum, in both ways, and tests all boxes against it.
     fn truth(&mut self, projection: &Projection, visible: &VisibleSet) -> Result<Truth> {
         let mut seen = None;
         let scene = (self.package, projection, visible);
@@ -202,12 +206,21 @@ impl<'a> Contest<'a> {
         let mut ids = self.culled.read_leaves(VIEW)?;
         ids.sort_unstable();
         ids.dedup();
-        let leaves = ids.into_iter().filter_map(|id| id.checked_sub(1));
-        let with_pixel = VisibleSet::from_ranges(leaves.map(|leaf| LeafRange::new(leaf, leaf + 1)));
+        let opaque = ids.into_iter().filter_map(|id| id.checked_sub(1));
+        // Blended leaves leave no ids: those count whose boxes are seen.
+        let manifest = &self.package.scene.manifest;
+        let is_blended = |leaf: &u32| {
+            let material = manifest.leaves[*leaf as usize].material;
+            manifest.materials[material.0 as usize].alpha == AlphaMode::Blend
+        };
+        let leaves = opaque.chain(seen.leaves().filter(is_blended));
+        let mut with_pixel = VisibleSet::default();
+        leaves.for_each(|leaf| with_pixel.push_unordered(LeafRange::new(leaf, leaf + 1)));
+        with_pixel.normalize();
         let mut box_hidden = VisibleSet::default();
         visible.difference_into(&seen, &mut box_hidden);
         draw_all_rounds(&mut self.plain, &mut Planner::new(), scene, |_, _| {})?;
-        Ok(Truth { with_pixel, box_hidden })
+        Ok(Truth { with_pixel, box_hidden, picture: self.plain.read_color(VIEW)? })
     }
 }
 

@@ -39,7 +39,7 @@ pub struct Options {
         long = "mode",
         value_name = "MODE",
         value_delimiter = ',',
-        default_value = "paper,sampled,cost-adaptive,query,hiz,adaptive"
+        default_value = "perfect,paper,sampled,cost-adaptive,query,hiz,adaptive"
     )]
     modes: Vec<Mode>,
     /// With the mode adaptive: what contributes less is left out (equation 1), as a share of the view plane's pixels. Several: a row each.
@@ -102,6 +102,8 @@ pub enum Mode {
     None,
     /// What is in the view. Always measured.
     Frustum,
+    /// The leaves of which a pixel is seen, known beforehand: what no culling of leaves can surpass.
+    Perfect,
     /// The paper's loop, front to back.
     Paper,
     /// The same, a tenth of each bound looked at while the camera moves: an estimate.
@@ -122,13 +124,14 @@ impl Mode {
         match self {
             Self::None => "none",
             Self::Frustum => "frustum",
+            Self::Perfect => "perfect",
             _ => self.occlusion().name(),
         }
     }
 
     fn occlusion(self) -> Occlusion {
         match self {
-            Self::None | Self::Frustum => Occlusion::Off,
+            Self::None | Self::Frustum | Self::Perfect => Occlusion::Off,
             Self::Paper => Occlusion::Paper,
             Self::Sampled => Occlusion::Sampled,
             Self::CostAdaptive => Occlusion::CostAdaptive,
