@@ -5,6 +5,7 @@ mod camera;
 mod commands;
 mod composite;
 mod cull_cases;
+mod drawn;
 mod files;
 mod load;
 mod pixels;
