@@ -1,6 +1,7 @@
 //! `mullion`: a culling service for tiled display walls, CAVEs and multi-projector rooms.
 
 mod address;
+mod birdseye;
 mod camera;
 mod commands;
 mod composite;
