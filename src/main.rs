@@ -1,10 +1,12 @@
 //! `mullion`: a culling service for tiled display walls, CAVEs and multi-projector rooms.
 
 mod address;
+mod birdseye;
 mod camera;
 mod commands;
 mod composite;
 mod cull_cases;
+mod drawn;
 mod files;
 mod load;
 mod pixels;

@@ -1,4 +1,5 @@
-//! `mullion bench` and `mullion path` as users run them: the right files with the right counts. Times are never looked at.
+//! `mullion bench`, `mullion path` and pictures from above as users run them: the right files with the right counts. Times are never
+//! looked at.
 
 mod support;
 
@@ -143,4 +144,71 @@ fn a_written_path_is_walked_again() {
     ]))
     .expect("JSON");
     assert_eq!(report["tables"][0]["frames"].as_u64(), Some(4), "as many as the file has");
+}
+
+/// Pixels that are as yellow as what is left out; and all of them.
+fn yellow(file: &Path) -> (usize, usize) {
+    let picture = image::open(file).unwrap_or_else(|e| panic!("{}: {e}", file.display())).into_rgb8();
+    let is_yellow = |[red, green, blue]: [u8; 3]| red > 150 && green > 120 && blue < green / 2;
+    (picture.pixels().filter(|pixel| is_yellow(pixel.0)).count(), picture.pixels().len())
+}
+
+#[test]
+fn what_is_left_out_is_yellow_from_above() {
+    if !support::has_gpu() {
+        return;
+    }
+    let folder = TempDir::new().expect("a folder");
+    let picture = |name: &str, scenes: &str, mode: &str| {
+        let file = folder.path().join(name);
+        let shown = file.display().to_string();
+        let args = ["--path", "interior", "--size", "64x48", "--frames", "2", "--scene", scenes, "--mode", mode];
+        let out = done(&[&["bench", "occlusion", "--birdseye", &shown], &args[..]].concat());
+        (file, out)
+    };
+    let (file, out) = picture("plain.png", "boxes:500", "frustum");
+    let (plain, pixels) = yellow(&file);
+    assert!(plain == 0 && pixels > 500_000, "{plain} of {pixels}");
+    assert!(out.contains(": 0 of the "), "{out}");
+    // Of two scenes, each has its own.
+    let (file, out) = picture("culled.png", "boxes:500,boxes:300", "paper,hiz");
+    assert!(!file.exists() && out.contains("occlusion culling hiz"), "{out}");
+    for scene in ["500", "300"] {
+        let (culled, _) = yellow(&folder.path().join(format!("culled-boxes-{scene}.png")));
+        assert!(culled > 100, "{culled}");
+    }
+}
+
+#[test]
+fn a_show_is_seen_from_above() {
+    if !support::has_gpu() {
+        return;
+    }
+    let folder = TempDir::new().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    for (way, is_culled) in [("none", false), ("hiz", true)] {
+        let (file, out) = (at(&format!("{way}.png")), at(way));
+        let args = ["--scene", "boxes:500", "--path", "interior", "--frames", "3", "--grid", "2x1", "--out", &out];
+        let said = done(&[&["demo", "--occlusion", way, "--birdseye", &file], &args[..]].concat());
+        let (pixels, _) = yellow(Path::new(&file));
+        assert_eq!((pixels > 100, said.contains(&file)), (is_culled, true), "{pixels} with {way}: {said}");
+    }
+}
+
+#[test]
+fn a_picture_that_has_nowhere_to_go_ends_the_work_before_it_begins() {
+    let folder = TempDir::new().expect("a folder");
+    let (nowhere, out) =
+        (folder.path().join("none/x.png").display().to_string(), folder.path().join("demo").display().to_string());
+    for args in [&["bench", "occlusion", "--scene", "boxes:1000"][..], &["demo", "--out", &out]] {
+        for (file, why) in [(nowhere.as_str(), nowhere.as_str()), ("-", "not to standard output")] {
+            let outcome = mullion(&[args, &["--birdseye", file]].concat(), LIMIT);
+            assert!(
+                outcome.code != Some(0) && outcome.err.contains("--birdseye") && outcome.err.contains(why),
+                "{}",
+                outcome.err
+            );
+            assert_eq!(outcome.out, "", "it had not begun");
+        }
+    }
 }

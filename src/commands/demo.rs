@@ -25,6 +25,7 @@ use mullion_server::service::{self, Rate, Show, ShowOptions, ShowReport};
 use tokio::sync::watch;
 
 use super::prepare::HowToPrepare;
+use crate::birdseye::{self, Flight};
 use crate::camera::PathSource;
 use crate::composite::WallLayout;
 use crate::files::{open_scene, open_wall, scene_file, write_json};
@@ -57,6 +58,10 @@ pub struct Options {
     /// Leave out what others hide: none or hiz. The pictures are the same.
     #[arg(long, value_name = "none|hiz", default_value_t = Occlusion::Off)]
     occlusion: Occlusion,
+    /// Draw the scene from above into this file (PNG): the wall's frusta at the last frame shown in red, and in yellow the bounds of leaves
+    /// in them that no tile drew. Without --occlusion all are drawn, and nothing is yellow.
+    #[arg(long, value_name = "FILE")]
+    birdseye: Option<PathBuf>,
     /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.
     #[arg(long, default_value = "sweep")]
     algorithm: Algorithm,
@@ -100,6 +105,7 @@ pub fn run(options: &Options) -> Result<()> {
     let layout = WallLayout::new(&wall)?;
     let path = PathSource::open(&options.path).context("--path")?;
     fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
+    options.birdseye.as_deref().map_or(Ok(()), birdseye::claim)?;
     let scene = scene_file(&options.scene, &options.out)?;
     let package = Arc::new(open_scene(&scene, &options.how.options()?)?);
     let path = path.path(&package, &wall, Some(options.frames))?;
@@ -112,7 +118,7 @@ pub fn run(options: &Options) -> Result<()> {
     let listener = TcpListener::bind(("127.0.0.1", 0)).context("cannot listen on the loopback")?;
     let address = listener.local_addr()?.to_string();
     let started = Instant::now();
-    let master = start_master(listener, options, path, &wall, &package, &record, stopped.clone());
+    let master = start_master(listener, options, path.clone(), &wall, &package, &record, stopped.clone());
     let feed = display.as_ref().map(Display::feed);
     let nodes: Vec<NodeThread> = wall
         .nodes()
@@ -154,6 +160,11 @@ pub fn run(options: &Options) -> Result<()> {
     summary.print();
     say!("took           {:.1} s", started.elapsed().as_secs_f64());
     say!("wrote          {}", options.out.join("wall.png").display());
+    if let Some(file) = &options.birdseye {
+        let last = show_report.frames.saturating_sub(1);
+        let flight = Flight { package: &package, wall: &wall, path: &path, last, occlusion: options.occlusion };
+        say!("from above     {}: {}", file.display(), flight.write(&gpu, file)?);
+    }
     Ok(())
 }
 

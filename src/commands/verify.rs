@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, ensure};
 use mullion_client::gpu::{Gpu, GpuOptions};
+use mullion_client::occlusion::{Occlusion, UnknownOcclusion};
 use mullion_server::cull::Algorithm;
 
 use super::prepare::HowToPrepare;
 use crate::cull_cases::{self, Report};
 use crate::files::{claim, is_standard_output, open_scene, write_json};
-use crate::pixels::{self, Grid, SceneVerdict};
+use crate::pixels::{self, Check, Grid, SceneVerdict};
 use crate::progress::Progress;
 use crate::say::say;
 
@@ -23,7 +24,7 @@ pub struct Options {
 #[derive(clap::Subcommand)]
 enum What {
     /// Every tile drawn from its visible set equals the tile drawn from the whole scene, bit for bit, and the tiles
-    /// together are the picture of the whole wall.
+    /// together are the picture of the whole wall. With --occlusion, so does the wall of tiles that leave out what is hidden.
     Pixels(PixelOptions),
     /// Every algorithm against the exact answer, on random scenes, walls and poses: nothing that a view sees is dropped.
     Cull(CullOptions),
@@ -59,6 +60,10 @@ struct PixelOptions {
     /// How to cull.
     #[arg(long, default_value = "sweep")]
     algorithm: Algorithm,
+    /// Also draw every tile with occlusion culling, in a few frames that lead to each eye, and hold them against the same without: paper,
+    /// cost-adaptive, query or hiz.
+    #[arg(long, value_name = "MODE", value_delimiter = ',', value_parser = parse_exact)]
+    occlusion: Vec<Occlusion>,
     /// Write what was found (JSON; `-` for standard output).
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -67,6 +72,16 @@ struct PixelOptions {
     pictures: Option<PathBuf>,
     #[command(flatten)]
     how: HowToPrepare,
+}
+
+/// A way of occlusion culling that promises to change nothing.
+fn parse_exact(name: &str) -> Result<Occlusion, String> {
+    let way: Occlusion = name.parse().map_err(|error: UnknownOcclusion| error.to_string())?;
+    match way {
+        Occlusion::Off => Err("none leaves nothing out: there is nothing to verify".to_owned()),
+        way if !way.is_exact() => Err(format!("{way} is an estimate: its pictures may differ")),
+        way => Ok(way),
+    }
 }
 
 /// Runs the command.
@@ -151,8 +166,13 @@ fn verify_pixels(options: &PixelOptions) -> Result<()> {
     for path in &scenes {
         let name = path.file_stem().map_or_else(|| path.display().to_string(), |stem| stem.to_string_lossy().into_owned());
         let package = open_scene(path, &options.how.options()?)?;
-        let verdict = pixels::verify(&gpu, &name, &package, &options.grids, options.algorithm, options.pictures.as_deref())
-            .with_context(|| path.display().to_string())?;
+        let check = Check {
+            grids: &options.grids,
+            algorithm: options.algorithm,
+            occlusion: &options.occlusion,
+            pictures: options.pictures.as_deref(),
+        };
+        let verdict = pixels::verify(&gpu, &name, &package, &check).with_context(|| path.display().to_string())?;
         print_verdict(&verdict);
         verdicts.push(verdict);
     }
@@ -174,8 +194,26 @@ fn print_verdict(v: &SceneVerdict) {
         v.tiles_that_differ,
         v.worst_differing_percent,
         v.objects_missing,
-        if v.holds() { "holds" } else { "DIFFERS" }
+        if v.frustum_holds() { "holds" } else { "DIFFERS" }
     );
+    for way in &v.occlusion {
+        let verdict = match way.holds() {
+            false => "DIFFERS",
+            true if way.leaves_left_out == 0 => "holds, but nothing was left out",
+            true => "holds",
+        };
+        say!(
+            "{:28} {:>7} {:>8} {:6} {:6.1}% {:8} {:8.4}% {:>8}  {verdict}",
+            format!("  of that, hidden: {}", way.occlusion),
+            "",
+            "",
+            way.tiles_compared,
+            way.left_out_percent(),
+            way.tiles_that_differ,
+            way.worst_differing_percent,
+            "",
+        );
+    }
 }
 
 /// Scene files in a folder and its subfolders, sorted.

@@ -19,6 +19,7 @@ use serde::Serialize;
 use self::contest::Contest;
 use self::table::Table;
 use super::machine::Machine;
+use crate::birdseye::{self, Flight};
 use crate::camera::PathSource;
 use crate::commands::prepare::HowToPrepare;
 use crate::files::{claim, is_standard_output, open_named_scene, write_json};
@@ -60,6 +61,11 @@ pub struct Options {
     /// Draw the paper's figures 5, 7 and 9: frame rate and share culled, frame by frame (SVG), into this folder.
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
+    /// Draw the scene from above into this file (PNG): the last frame's frustum in red, and in yellow the bounds of leaves in it that were
+    /// left out. In the mode hiz if it is measured, else in the first that leaves out what is hidden; in none nothing is yellow. The last
+    /// frames are drawn again for it, also where culling does not pay. Of several scenes each has a file, to whose name the scene's is added.
+    #[arg(long, value_name = "FILE")]
+    birdseye: Option<PathBuf>,
     #[command(flatten)]
     how: HowToPrepare,
 }
@@ -181,6 +187,8 @@ pub fn run(options: &Options) -> Result<()> {
     options.plots.as_ref().map_or(Ok(()), |folder| {
         std::fs::create_dir_all(folder).with_context(|| format!("--plots: cannot make the folder {}", folder.display()))
     })?;
+    let birdseyes = options.birdseyes();
+    birdseyes.iter().try_for_each(|file| birdseye::claim(file))?;
     let is_piped = options.json.as_deref().is_some_and(is_standard_output);
     let (machine, gpu) = (Machine::this(), Gpu::open(GpuOptions::default())?);
     if !is_piped {
@@ -189,9 +197,9 @@ pub fn run(options: &Options) -> Result<()> {
     let wall = wall(options.size)?;
     let ways = ways(options, &wall);
     let mut tables = Vec::new();
-    for scene in &options.scenes {
+    for (at, scene) in options.scenes.iter().enumerate() {
         let package = open_named_scene(scene, &how)?;
-        let name = PathBuf::from(scene).file_stem().map_or_else(|| scene.clone(), |stem| stem.to_string_lossy().into_owned());
+        let name = stem(scene);
         let (path_name, path) = match (&source, PATHS.iter().find(|(of, _)| of == scene)) {
             (Some(source), _) => (source.to_string(), source.path(&package, &wall, Some(options.frames))?),
             (None, Some((of, text))) => {
@@ -207,6 +215,19 @@ pub fn run(options: &Options) -> Result<()> {
             table.print();
         }
         tables.push(table);
+        if let Some(file) = birdseyes.get(at) {
+            let flight = Flight {
+                package: &package,
+                wall: &wall,
+                path: &path,
+                last: options.frames - 1,
+                occlusion: culling(&options.modes),
+            };
+            let left_out = flight.write(&gpu, file)?;
+            if !is_piped {
+                say!("{}: {left_out}\n", file.display());
+            }
+        }
     }
     if let Some(folder) = &options.plots {
         for file in figures::draw(&tables, folder)? {
@@ -235,6 +256,29 @@ fn ways(options: &Options, wall: &Wall) -> Vec<Way> {
         }
     }
     ways
+}
+
+impl Options {
+    /// A file for each scene; none where there shall be none.
+    fn birdseyes(&self) -> Vec<PathBuf> {
+        match (&self.birdseye, &self.scenes[..]) {
+            (None, _) => Vec::new(),
+            (Some(file), [_]) => vec![file.clone()],
+            (Some(file), scenes) => scenes.iter().map(|scene| birdseye::file_of(file, &stem(scene))).collect(),
+        }
+    }
+}
+
+/// What a scene is called: a file's name without what it ends in.
+fn stem(scene: &str) -> String {
+    PathBuf::from(scene).file_stem().map_or_else(|| scene.to_owned(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// What a picture from above is drawn with.
+fn culling(modes: &[Mode]) -> Occlusion {
+    let mut ways = modes.iter().map(|mode| mode.occlusion()).filter(|way| Occlusion::ALL.contains(way) && *way != Occlusion::Off);
+    let first = ways.next().unwrap_or_default();
+    if ways.any(|way| way == Occlusion::Hiz) { Occlusion::Hiz } else { first }
 }
 
 /// A wall of one tile.

@@ -1,25 +1,30 @@
-//! Compares pictures: tiles drawn from visible sets with tiles drawn from everything, and the wall with one picture.
+//! Compares pictures: tiles drawn from visible sets with tiles drawn from everything, the wall with one picture, and tiles drawn with
+//! occlusion culling with the same without.
+
+mod occlusion;
 
 use std::collections::HashSet;
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Result, anyhow};
 use glam::{DAffine3, DQuat, DVec3};
 use image::{Rgba, RgbaImage};
-use mullion_client::frame::{FrameInput, Planner, ViewInput};
+use mullion_client::frame::Planner;
 use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
-use mullion_client::missing::WhenMissing;
+use mullion_client::occlusion::Occlusion;
 use mullion_client::output::headless::write_png;
-use mullion_common::scene::{ChunkId, Package};
+use mullion_common::scene::Package;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Projection, ViewId, Wall, WallConfig};
 use mullion_server::cull::{Algorithm, Culler};
 use mullion_server::tree::CullTree;
 use serde::Serialize;
 
+use self::occlusion::OcclusionVerdict;
 use crate::camera::{Subject, Walk};
+use crate::drawn;
 
 /// Size of the wall in all grids: divisible by their columns and rows.
 const WALL_PX: [u32; 2] = [480, 288];
@@ -85,13 +90,30 @@ pub struct SceneVerdict {
     pub worst_differing_percent: f64,
     /// Objects of at least 2 × 2 pixels in one picture that the other lacks within one pixel.
     pub objects_missing: u32,
+    /// Of each way of occlusion culling.
+    pub occlusion: Vec<OcclusionVerdict>,
 }
 
 impl SceneVerdict {
-    /// Whether culling changed no picture.
+    /// Whether no culling changed a picture.
     pub fn holds(&self) -> bool {
+        self.frustum_holds() && self.occlusion.iter().all(OcclusionVerdict::holds)
+    }
+
+    /// Whether culling to frusta changed none.
+    pub fn frustum_holds(&self) -> bool {
         self.tiles_that_differ == 0 && self.worst_differing_percent <= MAX_DIFFERING_PERCENT && self.objects_missing == 0
     }
+}
+
+/// How to verify.
+pub struct Check<'a> {
+    pub grids: &'a [Grid],
+    pub algorithm: Algorithm,
+    /// Ways to leave out what is hidden, each held against drawing it.
+    pub occlusion: &'a [Occlusion],
+    /// Where pictures go.
+    pub pictures: Option<&'a Path>,
 }
 
 /// A picture and the objects in it.
@@ -99,6 +121,15 @@ struct Picture {
     color: RgbaImage,
     /// Row-major; 0 for none.
     ids: Vec<u32>,
+}
+
+impl Picture {
+    /// How many pixels are not the same, in colour or object. Both must be of one size.
+    fn differing_from(&self, other: &Self) -> u64 {
+        let colors = self.color.pixels().zip(other.color.pixels()).map(|(a, b)| a != b);
+        let ids = self.ids.iter().zip(&other.ids).map(|(a, b)| a != b);
+        colors.zip(ids).filter(|(color, id)| *color || *id).count() as u64
+    }
 }
 
 /// An eye and a room.
@@ -109,14 +140,8 @@ struct Pose {
 }
 
 /// Draws a scene on walls of all grids from several eyes, one of them inside the scene.
-pub fn verify(
-    gpu: &Arc<Gpu>,
-    name: &str,
-    package: &Package,
-    grids: &[Grid],
-    algorithm: Algorithm,
-    pictures: Option<&Path>,
-) -> Result<SceneVerdict> {
+pub fn verify(gpu: &Arc<Gpu>, name: &str, package: &Package, check: &Check<'_>) -> Result<SceneVerdict> {
+    let Check { grids, algorithm, occlusion: ways, pictures } = *check;
     let leaves = package.scene.leaf_count();
     let whole_wall = Grid { columns: 1, rows: 1 }.wall()?;
     let poses = poses(package, &whole_wall)?;
@@ -130,6 +155,7 @@ pub fn verify(
         tiles_that_differ: 0,
         worst_differing_percent: 0.0,
         objects_missing: 0,
+        occlusion: ways.iter().copied().map(OcclusionVerdict::new).collect(),
     };
     let mut painter = Painter::new(gpu, package, grids)?;
     let all = VisibleSet::all(leaves);
@@ -162,10 +188,18 @@ pub fn verify(
             let missing = missing_objects(&composite.0.ids, &whole.ids) + missing_objects(&whole.ids, &composite.0.ids);
             verdict.worst_differing_percent = verdict.worst_differing_percent.max(differing);
             verdict.objects_missing += missing;
+            let stem = format!("{name}-{}-{grid}", pose.name);
             if let (Some(folder), true) = (pictures, missing > 0 || differing > MAX_DIFFERING_PERCENT) {
-                let stem = format!("{name}-{}-{}x{}", pose.name, grid.columns, grid.rows);
                 write_png(&folder.join(format!("{stem}-composite.png")), &composite.0.color)?;
-                write_png(&folder.join(format!("{stem}-difference.png")), &difference(&composite.0.color, &whole.color))?;
+                write_png(
+                    &folder.join(format!("{stem}-difference.png")),
+                    &difference(&composite.0.color, &whole.color, CHANNEL_TOLERANCE),
+                )?;
+            }
+            if !ways.is_empty() {
+                let subject = occlusion::Subject { wall: &wall, target: ViewId(target as u16 + 1), tree: &tree, algorithm, pose };
+                let pictures = pictures.map(|folder| (folder, stem.as_str()));
+                occlusion::check(&mut painter, &subject, ways, &mut verdict.occlusion, pictures)?;
             }
         }
     }
@@ -207,37 +241,36 @@ fn poses(package: &Package, wall: &Wall) -> Result<Vec<Pose>> {
 struct Painter<'a> {
     package: &'a Package,
     renderer: Renderer,
-    planner: Planner,
 }
 
 impl<'a> Painter<'a> {
     const WHOLE: ViewId = ViewId(0);
 
     fn new(gpu: &Arc<Gpu>, package: &'a Package, grids: &[Grid]) -> Result<Self> {
-        let manifest = Arc::new(package.scene.manifest.clone());
         let mut targets = vec![ViewTarget { view: Self::WHOLE, size_px: WALL_PX }];
         for (i, grid) in grids.iter().enumerate() {
             targets.push(ViewTarget { view: ViewId(i as u16 + 1), size_px: grid.wall()?.tiles()[0].size_px });
         }
-        let mut renderer = Renderer::new(Arc::clone(gpu), manifest, &targets, Attachments::ColorAndIds)?;
-        for chunk in (0..package.scene.manifest.chunks.len() as u32).map(ChunkId) {
-            renderer.upload(chunk, package.chunk(chunk)).with_context(|| format!("chunk {}", chunk.0))?;
-        }
-        Ok(Self { package, renderer, planner: Planner::new() })
+        let renderer = drawn::upload(gpu, package, &targets, Attachments::ColorAndIds)?;
+        Ok(Self { package, renderer })
     }
 
+    /// Draws all of a set.
     fn draw(&mut self, target: ViewId, projection: Projection, visible: &VisibleSet) -> Result<Picture> {
-        let plan = self.planner.begin(FrameInput {
-            views: &[ViewInput { view: target, projection, visible, missing: &VisibleSet::default() }],
-            shared_eye: projection.eye,
-            manifest: &self.package.scene.manifest,
-            transforms: self.renderer.transforms(),
-            resident: &|_| true,
-            when_missing: WhenMissing::Hold,
-            has_changed: true,
-        });
-        self.renderer.draw(plan)?;
-        Ok(Picture { color: self.renderer.read_color(target)?, ids: self.renderer.read_ids(target)? })
+        Ok(self.draw_with(&mut Planner::new(), target, projection, visible)?.0)
+    }
+
+    /// Draws what a planner leaves of a set. Gives that, too.
+    fn draw_with(
+        &mut self,
+        planner: &mut Planner,
+        target: ViewId,
+        projection: Projection,
+        visible: &VisibleSet,
+    ) -> Result<(Picture, VisibleSet)> {
+        let drawn = drawn::draw(&mut self.renderer, planner, self.package, (target, projection, visible))?;
+        let picture = Picture { color: self.renderer.read_color(target)?, ids: self.renderer.read_ids(target)? };
+        Ok((picture, drawn))
     }
 }
 
@@ -262,19 +295,20 @@ impl Composite {
     }
 }
 
-fn differs(a: &Rgba<u8>, b: &Rgba<u8>) -> bool {
-    a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > CHANNEL_TOLERANCE)
+fn differs(a: &Rgba<u8>, b: &Rgba<u8>, tolerance: u8) -> bool {
+    a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > tolerance)
 }
 
 fn differing_percent(a: &RgbaImage, b: &RgbaImage) -> f64 {
-    let differing = a.pixels().zip(b.pixels()).filter(|(a, b)| differs(a, b)).count();
+    let differing = a.pixels().zip(b.pixels()).filter(|(a, b)| differs(a, b, CHANNEL_TOLERANCE)).count();
     100.0 * differing as f64 / (a.width() * a.height()) as f64
 }
 
-fn difference(a: &RgbaImage, b: &RgbaImage) -> RgbaImage {
+/// Red where a channel differs by more than so much.
+fn difference(a: &RgbaImage, b: &RgbaImage, tolerance: u8) -> RgbaImage {
     let mut out = a.clone();
     for ((out, a), b) in out.pixels_mut().zip(a.pixels()).zip(b.pixels()) {
-        *out = if differs(a, b) { Rgba([255, 0, 0, 255]) } else { Rgba([a[0] / 3, a[1] / 3, a[2] / 3, 255]) };
+        *out = if differs(a, b, tolerance) { Rgba([255, 0, 0, 255]) } else { Rgba([a[0] / 3, a[1] / 3, a[2] / 3, 255]) };
     }
     out
 }
