@@ -27,7 +27,7 @@ struct Area {
 }
 
 /// A plane for nodes of an area that no other one cuts.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct OnePlane {
     plane: LanePlane,
     /// Rows of the views on the negative side and on the positive one.
@@ -39,7 +39,7 @@ struct OnePlane {
 }
 
 /// Two planes for nodes of an area.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct TwoPlanes {
     planes: [LanePlane; 2],
     kept: [u8; ROWS],
@@ -58,14 +58,25 @@ struct Between {
 }
 
 /// Nodes to visit, first in, first out.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Queue {
-    /// Longer than what is in use; all three alike.
-    nodes: Vec<u32>,
+    nodes: [u32; Queue::PLACES],
     /// Of each node, one past its last leaf.
-    ends: Vec<u32>,
+    ends: [u32; Queue::PLACES],
     /// Of each node, what cuts it.
-    of: Vec<u32>,
+    of: [u32; Queue::PLACES],
+    /// The next one's place.
+    at: usize,
+    /// One past the last one's place.
+    len: usize,
+    /// Those that find no place, out of turn: seldom any.
+    more: Vec<[u32; 3]>,
+}
+
+/// A list of at most `N`, a power of two, so that no look-up is checked.
+#[derive(Debug)]
+struct Table<T, const N: usize> {
+    places: Box<[T; N]>,
     len: usize,
 }
 
@@ -74,10 +85,10 @@ struct Queue {
 pub(super) struct Pending {
     areas: Vec<Area>,
     between: Vec<Between>,
-    one: Vec<OnePlane>,
-    two: Vec<TwoPlanes>,
-    by_one: Queue,
-    by_two: Queue,
+    one: Table<OnePlane, { 4 * Pending::AREAS }>,
+    two: Table<TwoPlanes, { Pending::AREAS }>,
+    by_one: Box<Queue>,
+    by_two: Box<Queue>,
     marks: Marks,
     /// Where ranges begin and end.
     found: Vec<u32>,
@@ -92,22 +103,48 @@ struct Marks {
     used: usize,
 }
 
+impl<T: Copy + Default, const N: usize> Default for Table<T, N> {
+    fn default() -> Self {
+        Self { places: Box::new([T::default(); N]), len: 0 }
+    }
+}
+
+impl<T, const N: usize> Table<T, N> {
+    fn push(&mut self, value: T) {
+        self.places[self.len % N] = value;
+        self.len += 1;
+    }
+
+    #[inline(always)]
+    fn at(&self, place: u32) -> &T {
+        &self.places[place as usize % N]
+    }
+}
+
+impl Default for Queue {
+    fn default() -> Self {
+        let none = [0; Self::PLACES];
+        Self { nodes: none, ends: none, of: none, at: 0, len: 0, more: Vec::new() }
+    }
+}
+
 impl Queue {
+    /// Most nodes that wait in place.
+    const LEN: usize = 1024;
+    /// Some more, into which all lanes are written though few of them count.
+    const PLACES: usize = Self::LEN + LANES;
+
     /// Adds children of a node.
     #[inline(always)]
     fn push<L: Lanes>(&mut self, lanes: L, children: L::Words, ends: L::Words, of: L::Words, which: u8) {
-        let at = self.len;
-        if self.nodes.len() < at + LANES {
-            self.grow();
+        if self.len > Self::LEN - LANES {
+            self.make_room();
         }
-        if let Some((places, _)) = self.nodes[at..].split_first_chunk_mut() {
-            lanes.pack(children, which, places);
-        }
-        if let Some((places, _)) = self.ends[at..].split_first_chunk_mut() {
-            lanes.pack(ends, which, places);
-        }
-        if let Some((places, _)) = self.of[at..].split_first_chunk_mut() {
-            lanes.pack(of, which, places);
+        let at = self.len % Self::LEN;
+        for (list, words) in [(&mut self.nodes, children), (&mut self.ends, ends), (&mut self.of, of)] {
+            if let Some((places, _)) = list[at..].split_first_chunk_mut() {
+                lanes.pack(words, which, places);
+            }
         }
         self.len = at + which.count_ones() as usize;
     }
@@ -115,31 +152,54 @@ impl Queue {
     /// Adds one node.
     #[inline(always)]
     fn push_one(&mut self, node: u32, end: u32, of: u32) {
-        let at = self.len;
-        if self.nodes.len() <= at {
-            self.grow();
+        if self.len > Self::LEN - LANES {
+            self.make_room();
         }
+        let at = self.len % Self::LEN;
         (self.nodes[at], self.ends[at], self.of[at]) = (node, end, of);
         self.len = at + 1;
     }
 
+    /// Gives the places of nodes that have been visited to those that wait, and sets aside what still is too much.
     #[cold]
-    fn grow(&mut self) {
-        let len = (self.nodes.len() * 2).max(1024);
+    #[inline(never)]
+    fn make_room(&mut self) {
         for list in [&mut self.nodes, &mut self.ends, &mut self.of] {
-            list.resize(len, 0);
+            list.copy_within(self.at..self.len, 0);
+        }
+        (self.at, self.len) = (0, self.len - self.at);
+        while self.len > Self::LEN / 2 {
+            self.len -= 1;
+            self.more.push([self.nodes[self.len], self.ends[self.len], self.of[self.len]]);
         }
     }
 
-    /// The node at `at`, one past its last leaf, and what cuts it. Asks for the memory of one that comes later.
+    /// Gives places to nodes that were set aside, once no other one waits. Whether there are any.
     #[inline(always)]
-    fn get<L: Lanes>(&self, lanes: L, at: usize, tree: &WideTree) -> (u32, u32, u32) {
+    fn refill(&mut self) -> bool {
+        (self.at, self.len) = (0, 0);
+        while self.len < Self::LEN / 2
+            && let Some([node, end, of]) = self.more.pop()
+        {
+            self.push_one(node, end, of);
+        }
+        self.len > 0
+    }
+
+    /// The next node, one past its last leaf, and what cuts it. Asks for the memory of one that comes later.
+    #[inline(always)]
+    fn next<L: Lanes>(&mut self, lanes: L, tree: &WideTree) -> Option<[u32; 3]> {
         /// How many nodes ahead memory is asked for.
         const AHEAD: usize = 6;
-        let soon = self.nodes[(at + AHEAD).min(self.len - 1)] as usize;
+        if self.at >= self.len && !self.refill() {
+            return None;
+        }
+        let soon = self.nodes[(self.at + AHEAD).min(self.len - 1) % Self::LEN] as usize;
         lanes.prefetch_at(tree.nodes(), soon);
         lanes.prefetch_at(tree.axes(), soon);
-        (self.nodes[at], self.ends[at], self.of[at])
+        let at = self.at % Self::LEN;
+        self.at = at + 1;
+        Some([self.nodes[at], self.ends[at], self.of[at]])
     }
 }
 
@@ -162,6 +222,7 @@ impl Marks {
         &mut self,
         lanes: L,
         node: &WideNode,
+        starts: L::Words,
         end: u32,
         bit_from_leaf: u32,
         seen: [u8; N],
@@ -171,7 +232,6 @@ impl Marks {
         // A lane that is seen otherwise than the one before it begins where leaves begin or end to be seen.
         let changes = seen.map(|seen| u64::from(seen) ^ (u64::from(seen) << 1));
         if end - first < u64::BITS {
-            let starts = lanes.at_most(lanes.words(&node.first_leaf), end);
             let places = lanes.marks(starts, first) | (1 << (end - first));
             let bit = first.wrapping_add(bit_from_leaf);
             let (word, shift) = (bit as usize / 64, bit % 64);
@@ -233,7 +293,7 @@ impl Pending {
             let kept = rows.map(|row| kept(views[usize::from(row)]));
             OnePlane { plane: *plane, rows, kept, bit_from_leaf }
         };
-        let of_one = self.one.len() as u32;
+        let of_one = self.one.len as u32;
         let (Cuts::One(_, views) | Cuts::Two(_, views)) = cuts;
         self.areas.push(Area { leaves: visit.leaves, views: *views });
         match cuts {
@@ -242,9 +302,11 @@ impl Pending {
                 self.one.push(one(plane, [0, 1], views));
             }
             Cuts::Two([x, y], views) => {
-                self.by_two.push_one(visit.node, visit.leaves.end, self.two.len() as u32);
+                self.by_two.push_one(visit.node, visit.leaves.end, self.two.len as u32);
                 self.two.push(TwoPlanes { planes: [**x, **y], kept: views.map(kept), bit_from_leaf, first_one: of_one });
-                self.one.extend([one(x, [0, 1], views), one(x, [2, 3], views), one(y, [0, 2], views), one(y, [1, 3], views)]);
+                for (plane, rows) in [(x, [0, 1]), (x, [2, 3]), (y, [0, 2]), (y, [1, 3])] {
+                    self.one.push(one(plane, rows, views));
+                }
             }
         }
     }
@@ -271,20 +333,16 @@ impl Pending {
         self.hand_on(sink);
         self.areas.clear();
         self.between.clear();
-        self.one.clear();
-        self.two.clear();
-        (self.by_one.len, self.by_two.len, self.marks.used) = (0, 0, 0);
+        (self.one.len, self.two.len, self.marks.used) = (0, 0, 0);
     }
 
     /// Visits the nodes that two planes may cut. Adds those below that only one does.
     #[inline(always)]
     fn walk_by_two<L: Lanes>(&mut self, lanes: L, tree: &WideTree, offset: DVec3, planes: &LanePlanes, stats: &mut CullStats) {
         let Self { two, by_one, by_two, marks, .. } = self;
-        let (mut at, mut visited, mut tests) = (0, 0, 0);
-        while at < by_two.len {
-            let (id, end, of) = by_two.get(lanes, at, tree);
-            at += 1;
-            let TwoPlanes { planes: [across, up], kept, bit_from_leaf, first_one } = &two[of as usize];
+        let (mut visited, mut tests) = (0, 0);
+        while let Some([id, end, of]) = by_two.next(lanes, tree) {
+            let TwoPlanes { planes: [across, up], kept, bit_from_leaf, first_one } = two.at(of);
             let node = &tree.nodes()[id as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
             let (mut left, mut right) = boxes.sides(lanes, across, &mut ());
@@ -317,14 +375,15 @@ impl Pending {
             let open = boxes.alive & (seen[0] | seen[1] | seen[2] | seen[3]) & (is_cut_across | is_cut_up) & !node.leaf_lanes;
 
             let children = lanes.words(&node.child);
-            let ends = lanes.next(lanes.at_most(lanes.words(&node.first_leaf), end), end);
+            let starts = lanes.at_most(lanes.words(&node.first_leaf), end);
+            let ends = lanes.next(starts, end);
             by_two.push(lanes, children, ends, lanes.repeat(of), open & is_cut_across & is_cut_up);
             let of_across = lanes.choose(above, lanes.repeat(first_one + 1), lanes.repeat(*first_one));
             let of_up = lanes.choose(right, lanes.repeat(first_one + 3), lanes.repeat(first_one + 2));
             let of_one = lanes.choose(is_cut_across, of_across, of_up);
             by_one.push(lanes, children, ends, of_one, open & !(is_cut_across & is_cut_up));
             let seen = seen.map(|seen| seen & boxes.alive & !open);
-            marks.add(lanes, node, end, *bit_from_leaf, seen, [0, 1, 2, 3]);
+            marks.add(lanes, node, starts, end, *bit_from_leaf, seen, [0, 1, 2, 3]);
         }
         stats.nodes_visited += visited;
         stats.plane_tests += tests * LANES as u64;
@@ -334,11 +393,9 @@ impl Pending {
     #[inline(always)]
     fn walk_by_one<L: Lanes>(&mut self, lanes: L, tree: &WideTree, offset: DVec3, planes: &LanePlanes, stats: &mut CullStats) {
         let Self { one, by_one, marks, .. } = self;
-        let (mut at, mut visited, mut tests) = (0, 0, 0);
-        while at < by_one.len {
-            let (id, end, of) = by_one.get(lanes, at, tree);
-            at += 1;
-            let OnePlane { plane, rows, kept, bit_from_leaf } = &one[of as usize];
+        let (mut visited, mut tests) = (0, 0);
+        while let Some([id, end, of]) = by_one.next(lanes, tree) {
+            let OnePlane { plane, rows, kept, bit_from_leaf } = one.at(of);
             let node = &tree.nodes()[id as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
             let (mut below, mut above) = boxes.sides(lanes, plane, &mut ());
@@ -354,9 +411,10 @@ impl Pending {
             }
             let open = cut & !node.leaf_lanes;
             let seen = boxes.alive & !open;
-            let ends = lanes.next(lanes.at_most(lanes.words(&node.first_leaf), end), end);
+            let starts = lanes.at_most(lanes.words(&node.first_leaf), end);
+            let ends = lanes.next(starts, end);
             by_one.push(lanes, lanes.words(&node.child), ends, lanes.repeat(of), open);
-            marks.add(lanes, node, end, *bit_from_leaf, [seen & !above & kept[0], seen & !below & kept[1]], *rows);
+            marks.add(lanes, node, starts, end, *bit_from_leaf, [seen & !above & kept[0], seen & !below & kept[1]], *rows);
         }
         stats.nodes_visited += visited;
         stats.plane_tests += tests * LANES as u64;
