@@ -29,12 +29,19 @@ pub(super) struct LanePlane {
     offset_m: f32,
     /// The normal's coordinates without their signs.
     absolute: [f32; 3],
+    /// The normal's coordinates by [`LeafAxes::PARTS`].
+    by_parts: [f32; 3],
 }
 
 impl From<&RelativePlane> for LanePlane {
     fn from(plane: &RelativePlane) -> Self {
         let normal = plane.normal.as_vec3();
-        Self { normal: normal.to_array(), offset_m: plane.offset_m as f32, absolute: normal.abs().to_array() }
+        Self {
+            normal: normal.to_array(),
+            offset_m: plane.offset_m as f32,
+            absolute: normal.abs().to_array(),
+            by_parts: normal.to_array().map(|part| part / LeafAxes::PARTS),
+        }
     }
 }
 
@@ -104,8 +111,8 @@ pub(super) struct Boxes<L: Lanes> {
     half: [L::Wide; 3],
     /// Greatest distance of any of them from the eye along each axis.
     far_m: [f32; 3],
-    /// Length of a step of the node along each axis.
-    step_m: [f32; 3],
+    /// Half of a step of the node along each axis.
+    half_step_m: L::Axes,
     slack_m: f32,
     /// Lanes with something in them.
     pub alive: u8,
@@ -115,26 +122,21 @@ impl<L: Lanes> Boxes<L> {
     /// `offset` leads from the eye to the tree's origin.
     #[inline(always)]
     pub(super) fn of(lanes: L, node: &WideNode, offset: DVec3, planes: &LanePlanes) -> Self {
-        let offset = [
-            (offset.x + f64::from(node.origin[0])) as f32,
-            (offset.y + f64::from(node.origin[1])) as f32,
-            (offset.z + f64::from(node.origin[2])) as f32,
-        ];
-        let step_m = node.step_m();
-        let half_step = step_m.map(|step| step * 0.5);
-        let reach = |axis: usize| offset[axis].abs() + 510.0 * half_step[axis];
-        let reach_m = reach(0) + reach(1) + reach(2) + planes.near.offset_m.abs();
+        let [offset, half_step_m] = lanes.place(node, &[offset.x, offset.y, offset.z, 0.0]);
+        let far_m = lanes.reach(offset, half_step_m, 510.0);
+        let reach_m = far_m[0] + far_m[1] + far_m[2] + planes.near.offset_m.abs();
+        let (offset, half_step) = (lanes.spread(offset), lanes.spread(half_step_m));
         let x = Self::span(lanes, &node.min[0], &node.max[0], half_step[0], offset[0]);
         let y = Self::span(lanes, &node.min[1], &node.max[1], half_step[1], offset[1]);
         let z = Self::span(lanes, &node.min[2], &node.max[2], half_step[2], offset[2]);
-        let is_empty = lanes.below(x.1, lanes.splat(0.0));
         Self {
             middle: [x.0, y.0, z.0],
             half: [x.1, y.1, z.1],
-            far_m: [reach(0), reach(1), reach(2)],
-            step_m,
+            far_m,
+            half_step_m,
             slack_m: reach_m * SLACK + planes.absolute_m,
-            alive: !is_empty,
+            // Empty ones end before they begin.
+            alive: !lanes.negative(x.1),
         }
     }
 
@@ -147,11 +149,10 @@ impl<L: Lanes> Boxes<L> {
 
     /// Middle and half length along one axis.
     #[inline(always)]
-    fn span(lanes: L, min: &[u8; LANES], max: &[u8; LANES], half_step: f32, offset: f32) -> (L::Wide, L::Wide) {
+    fn span(lanes: L, min: &[u8; LANES], max: &[u8; LANES], half_step: L::Wide, offset: L::Wide) -> (L::Wide, L::Wide) {
         let (low, high) = (lanes.widen(min), lanes.widen(max));
-        let step = lanes.splat(half_step);
-        let middle = lanes.add(lanes.mul(lanes.add(low, high), step), lanes.splat(offset));
-        (middle, lanes.mul(lanes.sub(high, low), step))
+        let middle = lanes.add(lanes.mul(lanes.add(low, high), half_step), offset);
+        (middle, lanes.mul(lanes.sub(high, low), half_step))
     }
 
     /// v · n of each lane.
@@ -179,14 +180,15 @@ impl<L: Lanes> Boxes<L> {
         // Half a part for each of three half-axes, and what the sums here round.
         const OFF: f32 = 1.6 / LeafAxes::PARTS;
         let middle = lanes.add(Self::dot(lanes, &self.middle, &plane.normal), lanes.splat(plane.offset_m));
+        let radius = Self::dot(lanes, &self.half, &plane.absolute);
         // Half a step for the middle.
-        let [x, y, z] = [0, 1, 2].map(|axis| plane.absolute[axis] * self.step_m[axis]);
-        let off = lanes
-            .add(lanes.mul(Self::dot(lanes, &self.half, &plane.absolute), lanes.splat(OFF)), lanes.splat((x + y + z) * 0.51));
+        let [x, y, z] = lanes.to_three(self.half_step_m);
+        let step_off = (plane.absolute[0] * x + plane.absolute[1] * y + plane.absolute[2] * z) * (2.0 * 0.51);
+        let off = lanes.add(lanes.mul(radius, lanes.splat(OFF)), lanes.splat(step_off));
         let part = [
-            lanes.mul(self.half[0], lanes.splat(plane.normal[0] / LeafAxes::PARTS)),
-            lanes.mul(self.half[1], lanes.splat(plane.normal[1] / LeafAxes::PARTS)),
-            lanes.mul(self.half[2], lanes.splat(plane.normal[2] / LeafAxes::PARTS)),
+            lanes.mul(self.half[0], lanes.splat(plane.by_parts[0])),
+            lanes.mul(self.half[1], lanes.splat(plane.by_parts[1])),
+            lanes.mul(self.half[2], lanes.splat(plane.by_parts[2])),
         ];
         let mut radius = off;
         for shares in &axes.shares {

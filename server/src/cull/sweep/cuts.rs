@@ -19,10 +19,13 @@ pub(super) enum Cuts<'a> {
     Two([&'a LanePlane; 2], Views),
 }
 
+/// In place of a slot, outside.
+const NO_SLOT: u16 = u16::MAX;
+
 /// The plane of an axis and the slots on either side: one slot, twice, where none cuts.
 struct Axis<'a> {
     plane: Option<&'a LanePlane>,
-    slots: [Option<u16>; 2],
+    slots: [u16; 2],
 }
 
 impl<'a> Axis<'a> {
@@ -34,8 +37,8 @@ impl<'a> Axis<'a> {
         if high - low > 2 || sides == LEFT | RIGHT || (is_two && sides != 0) {
             return None;
         }
-        let first = if sides == LEFT { None } else { Some(low) };
-        let last = if sides == RIGHT { None } else { Some(high - 1) };
+        let first = if sides == LEFT { NO_SLOT } else { low };
+        let last = if sides == RIGHT { NO_SLOT } else { high - 1 };
         let plane = usize::from(low) + usize::from(is_two || sides == RIGHT);
         Some(Self { plane: (is_two || sides != 0).then(|| &planes[plane]), slots: [first, last] })
     }
@@ -50,28 +53,31 @@ impl<'a> Cuts<'a> {
         let x = Axis::of([left, right], visit.mask, planes.of_axis(0))?;
         let y = Axis::of([bottom, top], visit.mask >> 2, planes.of_axis(1))?;
         let is_near = visit.mask & NEAR != 0;
-        let view = |column: usize, row: usize| match (x.slots[column], y.slots[row]) {
-            (Some(column), Some(row)) => view_of(lattice, column, row),
-            _ => Some(NO_VIEW),
-        };
-        match (x.plane, y.plane) {
-            (Some(columns), Some(rows)) if !is_near => {
-                Some(Self::Two([columns, rows], [view(0, 0)?, view(1, 0)?, view(0, 1)?, view(1, 1)?]))
-            }
-            (Some(plane), None) if !is_near => Some(Self::One(plane, [view(0, 0)?, view(1, 0)?, NO_VIEW, NO_VIEW])),
-            (None, Some(plane)) if !is_near => Some(Self::One(plane, [view(0, 0)?, view(0, 1)?, NO_VIEW, NO_VIEW])),
-            (None, None) if is_near => Some(Self::One(planes.near(), [NO_VIEW, view(0, 0)?, NO_VIEW, NO_VIEW])),
-            _ => None,
+        if is_near == (x.plane.is_some() || y.plane.is_some()) {
+            return None;
         }
+        // Some of them alike where an axis has no plane.
+        let mut views = [NO_VIEW; 4];
+        let is_plain = lattice.is_plain();
+        for (side, view) in views.iter_mut().enumerate() {
+            let [column, row] = [x.slots[side % 2], y.slots[side / 2]];
+            if column != NO_SLOT && row != NO_SLOT {
+                *view = if is_plain { lattice.view(column, row) } else { view_of(lattice, column, row)? };
+            }
+        }
+        let [first, across, up, _] = views;
+        Some(match (x.plane, y.plane) {
+            (Some(columns), Some(rows)) => Self::Two([columns, rows], views),
+            (Some(plane), None) => Self::One(plane, [first, across, NO_VIEW, NO_VIEW]),
+            (None, Some(plane)) => Self::One(plane, [first, up, NO_VIEW, NO_VIEW]),
+            (None, None) => Self::One(planes.near(), [NO_VIEW, first, NO_VIEW, NO_VIEW]),
+        })
     }
 }
 
-/// The view that sees a slot, or [`NO_VIEW`]; `None` where several do.
+/// The view that sees a slot of any lattice, or [`NO_VIEW`]; `None` where several do.
 #[inline(always)]
 fn view_of(lattice: &Lattice, column: u16, row: u16) -> Option<u16> {
-    if lattice.is_plain() {
-        return Some(lattice.view(column, row));
-    }
     let [first, end, low, high] = lattice.cells([column, column + 1, row, row + 1]);
     match end.saturating_sub(first) * high.saturating_sub(low) {
         0 => Some(NO_VIEW),

@@ -3,15 +3,27 @@
 //! [`Plain`] runs everywhere; on x86 with AVX2 the same operations run on vectors. Both round after every operation and
 //! give the same bits.
 
+use crate::tree::WideNode;
+
 /// Eight `f32` side by side.
 pub(super) trait Lanes: Copy {
     /// Eight numbers.
     type Wide: Copy;
+    /// A number for each axis, and a fourth that nobody reads.
+    type Axes: Copy;
     /// Eight unsigned integers.
     type Words: Copy;
 
     /// Runs a kernel compiled for these lanes.
     fn run<K: Kernel>(self, kernel: K) -> K::Output;
+    /// A node's origin moved by `offset`, rounded once, and halves of its steps, metres.
+    fn place(self, node: &WideNode, offset: &[f64; 4]) -> [Self::Axes; 2];
+    /// Along each axis, the greatest distance of what begins at `offset` and is `half_steps` times `half_step_m` long.
+    fn reach(self, offset: Self::Axes, half_step_m: Self::Axes, half_steps: f32) -> [f32; 3];
+    /// Of each axis, its number eight times.
+    fn spread(self, axes: Self::Axes) -> [Self::Wide; 3];
+    /// As numbers.
+    fn to_three(self, axes: Self::Axes) -> [f32; 3];
     /// The same number eight times.
     fn splat(self, value: f32) -> Self::Wide;
     /// Bytes as numbers.
@@ -26,6 +38,8 @@ pub(super) trait Lanes: Copy {
     fn mul(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
     /// A bit for each lane in which a < b.
     fn below(self, a: Self::Wide, b: Self::Wide) -> u8;
+    /// A bit for each lane with a sign.
+    fn negative(self, a: Self::Wide) -> u8;
     /// The lesser of a and b.
     fn min(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
     /// a without its sign.
@@ -46,7 +60,7 @@ pub(super) trait Lanes: Copy {
     fn choose(self, bits: u8, yes: Self::Words, no: Self::Words) -> Self::Words;
     /// Writes the words whose bits are set side by side, in order; what comes behind them in `out` is anything.
     fn pack(self, words: Self::Words, bits: u8, out: &mut [u32; 8]);
-    /// Bit `word − first` of each word, where there is one.
+    /// Bit `word − first` of each word, modulo 64.
     fn marks(self, words: Self::Words, first: u32) -> u64;
     /// The bits of `bits`, from the lowest, in the places where `places` has ones, from the lowest.
     fn deposit(self, bits: u64, places: u64) -> u64;
@@ -80,11 +94,33 @@ pub(super) struct Plain;
 
 impl Lanes for Plain {
     type Wide = [f32; 8];
+    type Axes = [f32; 3];
     type Words = [u32; 8];
 
     #[inline(always)]
     fn run<K: Kernel>(self, kernel: K) -> K::Output {
         kernel.run(self)
+    }
+
+    #[inline(always)]
+    fn place(self, node: &WideNode, offset: &[f64; 4]) -> [[f32; 3]; 2] {
+        let moved = std::array::from_fn(|axis| (offset[axis] + f64::from(node.origin[axis])) as f32);
+        [moved, node.step_m().map(|step_m| step_m * 0.5)]
+    }
+
+    #[inline(always)]
+    fn reach(self, offset: [f32; 3], half_step_m: [f32; 3], half_steps: f32) -> [f32; 3] {
+        std::array::from_fn(|axis| offset[axis].abs() + half_steps * half_step_m[axis])
+    }
+
+    #[inline(always)]
+    fn spread(self, axes: [f32; 3]) -> [[f32; 8]; 3] {
+        axes.map(|number| [number; 8])
+    }
+
+    #[inline(always)]
+    fn to_three(self, axes: [f32; 3]) -> [f32; 3] {
+        axes
     }
 
     #[inline(always)]
@@ -120,6 +156,11 @@ impl Lanes for Plain {
     #[inline(always)]
     fn below(self, a: [f32; 8], b: [f32; 8]) -> u8 {
         (0..8).fold(0, |mask, i| mask | (u8::from(a[i] < b[i]) << i))
+    }
+
+    #[inline(always)]
+    fn negative(self, a: [f32; 8]) -> u8 {
+        (0..8).fold(0, |mask, i| mask | (u8::from(a[i].is_sign_negative()) << i))
     }
 
     #[inline(always)]
@@ -178,7 +219,7 @@ impl Lanes for Plain {
 
     #[inline(always)]
     fn marks(self, words: [u32; 8], first: u32) -> u64 {
-        words.into_iter().fold(0, |marks, word| marks | 1u64.checked_shl(word.wrapping_sub(first)).unwrap_or(0))
+        words.into_iter().fold(0, |marks, word| marks | 1u64.wrapping_shl(word.wrapping_sub(first)))
     }
 
     #[inline(always)]
@@ -203,7 +244,9 @@ impl Lanes for Plain {
 #[allow(unsafe_code)] // vector instructions; each is sound where the processor has them, which `Avx2` proves
 mod avx2 {
     use super::{Kernel, Lanes};
+    use crate::tree::WideNode;
     use std::arch::x86_64::*;
+    use std::mem::offset_of;
 
     /// A processor with AVX2 and what came with it: there is no other way to one than [`Avx2::detect`].
     #[derive(Clone, Copy)]
@@ -228,12 +271,64 @@ mod avx2 {
 
     impl Lanes for Avx2 {
         type Wide = __m256;
+        type Axes = __m128;
         type Words = __m256i;
 
         #[inline(always)]
         fn run<K: Kernel>(self, kernel: K) -> K::Output {
             // SAFETY: the processor has AVX2: `self` was made after asking it.
             unsafe { compiled_for_avx2(self, kernel) }
+        }
+
+        #[inline(always)]
+        fn place(self, node: &WideNode, offset: &[f64; 4]) -> [__m128; 2] {
+            // Behind the three numbers of the origin stand the exponents, a byte each, and another byte.
+            const EXPONENT: usize = offset_of!(WideNode, exponent);
+            const { assert!(EXPONENT == offset_of!(WideNode, origin) + 12 && EXPONENT + 4 <= size_of::<WideNode>()) }
+            // A step's bits are its exponent's, and half of it has one less.
+            const HALF: i32 = 126 << 23;
+            // SAFETY: as above; the loads read sixteen and four bytes of the node, all of them numbers whatever they are, and the
+            // offset's four numbers.
+            unsafe {
+                let start = std::ptr::from_ref(node).cast::<u8>();
+                let origin = _mm_loadu_ps(start.add(offset_of!(WideNode, origin)).cast());
+                // What is no number of three becomes zero, as it may be slow to count with.
+                let origin = _mm_insert_ps::<0b1000>(origin, origin);
+                let moved = _mm256_add_pd(_mm256_cvtps_pd(origin), _mm256_loadu_pd(offset.as_ptr()));
+                let exponents = _mm_cvtepi8_epi32(_mm_loadu_si32(start.add(EXPONENT)));
+                let half_step_m = _mm_add_epi32(_mm_slli_epi32::<23>(exponents), _mm_set1_epi32(HALF));
+                [_mm256_cvtpd_ps(moved), _mm_castsi128_ps(half_step_m)]
+            }
+        }
+
+        #[inline(always)]
+        fn reach(self, offset: __m128, half_step_m: __m128, half_steps: f32) -> [f32; 3] {
+            // SAFETY: as above.
+            let reach = unsafe {
+                let distance = _mm_andnot_ps(_mm_set1_ps(-0.0), offset);
+                _mm_add_ps(distance, _mm_mul_ps(_mm_set1_ps(half_steps), half_step_m))
+            };
+            self.to_three(reach)
+        }
+
+        #[inline(always)]
+        fn spread(self, axes: __m128) -> [__m256; 3] {
+            // SAFETY: as above.
+            unsafe {
+                let twice = _mm256_set_m128(axes, axes);
+                [
+                    _mm256_permute_ps::<0b00_00_00_00>(twice),
+                    _mm256_permute_ps::<0b01_01_01_01>(twice),
+                    _mm256_permute_ps::<0b10_10_10_10>(twice),
+                ]
+            }
+        }
+
+        #[inline(always)]
+        fn to_three(self, axes: __m128) -> [f32; 3] {
+            // SAFETY: both are four numbers side by side.
+            let [x, y, z, _] = unsafe { std::mem::transmute::<__m128, [f32; 4]>(axes) };
+            [x, y, z]
         }
 
         #[inline(always)]
@@ -278,6 +373,12 @@ mod avx2 {
         fn below(self, a: __m256, b: __m256) -> u8 {
             // SAFETY: as above.
             unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(a, b)) as u8 }
+        }
+
+        #[inline(always)]
+        fn negative(self, a: __m256) -> u8 {
+            // SAFETY: as above.
+            unsafe { _mm256_movemask_ps(a) as u8 }
         }
 
         #[inline(always)]
@@ -359,6 +460,7 @@ mod avx2 {
             // SAFETY: as above.
             unsafe {
                 let places = _mm256_sub_epi32(words, _mm256_set1_epi32(first.cast_signed()));
+                let places = _mm256_and_si256(places, _mm256_set1_epi32(63));
                 let one = _mm256_set1_epi64x(1);
                 let low = _mm256_sllv_epi64(one, _mm256_cvtepu32_epi64(_mm256_castsi256_si128(places)));
                 let high = _mm256_sllv_epi64(one, _mm256_cvtepu32_epi64(_mm256_extracti128_si256::<1>(places)));
@@ -438,6 +540,13 @@ mod tests {
                 let marks = l.marks(next, first);
                 bits.extend([marks as u32, (marks >> 32) as u32]);
             }
+            for exponent in [[0, 3, -3], [-30, 7, 30]] {
+                let node = WideNode { origin: [3.3, -0.7e6, 1e-3], exponent, ..WideNode::default() };
+                let [offset, half_step_m] = l.place(&node, &[0.1, 0.7e6, -1e7, 1.0]);
+                bits.extend(l.to_three(offset).map(f32::to_bits));
+                bits.extend(l.reach(offset, half_step_m, 510.0).map(f32::to_bits));
+                bits.extend(l.spread(half_step_m).into_iter().flat_map(|wide| l.to_array(wide)).map(f32::to_bits));
+            }
             for a in numbers {
                 for b in numbers {
                     let (wide_a, wide_b) = (l.mul(l.splat(a), bytes), l.splat(b));
@@ -455,6 +564,8 @@ mod tests {
                             bits.push(if number.is_nan() { u32::MAX } else { number.to_bits() });
                         }
                         bits.push(u32::from(l.below(x, wide_a)) | u32::from(l.below(wide_b, x)) << 8);
+                        // NaNs may differ in their signs.
+                        bits.push(u32::from(l.negative(l.min(x, l.splat(0.0)))));
                     }
                 }
             }

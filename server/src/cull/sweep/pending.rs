@@ -27,11 +27,12 @@ struct Area {
 }
 
 /// A plane for nodes of an area that no other one cuts.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(align(64))]
 struct OnePlane {
     plane: LanePlane,
     /// Rows of the views on the negative side and on the positive one.
-    rows: [u8; 2],
+    rows: [usize; 2],
     /// For each of them all lanes where there is a view, and none where not.
     kept: [u8; 2],
     /// From a leaf's number to its bit, modulo 2³².
@@ -39,7 +40,7 @@ struct OnePlane {
 }
 
 /// Two planes for nodes of an area.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct TwoPlanes {
     planes: [LanePlane; 2],
     kept: [u8; ROWS],
@@ -58,14 +59,36 @@ struct Between {
 }
 
 /// Nodes to visit, first in, first out.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Queue {
-    /// Longer than what is in use; all three alike.
-    nodes: Vec<u32>,
+    nodes: [u32; Queue::PLACES],
     /// Of each node, one past its last leaf.
-    ends: Vec<u32>,
+    ends: [u32; Queue::PLACES],
     /// Of each node, what cuts it.
-    of: Vec<u32>,
+    of: [u32; Queue::PLACES],
+    /// Those that wait. What walks the queue has them with it meanwhile.
+    waiting: Waiting,
+    /// Those that find no place, out of turn: seldom any.
+    more: Vec<[u32; 3]>,
+}
+
+/// Places of the nodes that wait in a queue.
+#[derive(Clone, Copy, Debug, Default)]
+struct Waiting {
+    /// The next one's.
+    at: usize,
+    /// One past the last one's.
+    end: usize,
+}
+
+/// Where ranges of one view begin and end.
+#[derive(Debug)]
+struct Found([u32; Found::LEN + Found::OF_WORD]);
+
+/// A list of at most `N`, a power of two, so that no look-up is checked.
+#[derive(Debug)]
+struct Table<T, const N: usize> {
+    places: Box<[T; N]>,
     len: usize,
 }
 
@@ -74,13 +97,12 @@ struct Queue {
 pub(super) struct Pending {
     areas: Vec<Area>,
     between: Vec<Between>,
-    one: Vec<OnePlane>,
-    two: Vec<TwoPlanes>,
-    by_one: Queue,
-    by_two: Queue,
+    one: Table<OnePlane, { 4 * Pending::AREAS }>,
+    two: Table<TwoPlanes, { Pending::AREAS }>,
+    by_one: Box<Queue>,
+    by_two: Box<Queue>,
     marks: Marks,
-    /// Where ranges begin and end.
-    found: Vec<u32>,
+    found: Found,
 }
 
 /// For each leaf of the areas, and one past the last of each, whether leaves begin or end to be seen there, view by view.
@@ -92,54 +114,120 @@ struct Marks {
     used: usize,
 }
 
+impl<T: Copy + Default, const N: usize> Default for Table<T, N> {
+    fn default() -> Self {
+        Self { places: Box::new([T::default(); N]), len: 0 }
+    }
+}
+
+impl<T, const N: usize> Table<T, N> {
+    fn push(&mut self, value: T) {
+        self.places[self.len % N] = value;
+        self.len += 1;
+    }
+
+    #[inline(always)]
+    fn at(&self, place: u32) -> &T {
+        &self.places[place as usize % N]
+    }
+}
+
+impl Default for Queue {
+    fn default() -> Self {
+        let none = [0; Self::PLACES];
+        Self { nodes: none, ends: none, of: none, waiting: Waiting::default(), more: Vec::new() }
+    }
+}
+
+impl Found {
+    /// More than so many numbers are handed on before another word is read.
+    const LEN: usize = 192;
+    /// Most that come from one word.
+    const OF_WORD: usize = 64;
+}
+
+impl Default for Found {
+    fn default() -> Self {
+        Self([0; Self::LEN + Self::OF_WORD])
+    }
+}
+
 impl Queue {
+    /// Most nodes that wait in place.
+    const LEN: usize = 1024;
+    /// Some more, into which all lanes are written though few of them count.
+    const PLACES: usize = Self::LEN + LANES;
+    /// How many nodes ahead memory is asked for.
+    const AHEAD: usize = 8;
+
     /// Adds children of a node.
     #[inline(always)]
-    fn push<L: Lanes>(&mut self, lanes: L, children: L::Words, ends: L::Words, of: L::Words, which: u8) {
-        let at = self.len;
-        if self.nodes.len() < at + LANES {
-            self.grow();
+    fn push<L: Lanes>(&mut self, lanes: L, waiting: &mut Waiting, [children, ends, of]: [L::Words; 3], which: u8) {
+        if waiting.end > Self::LEN - LANES {
+            *waiting = self.make_room(*waiting);
         }
-        if let Some((places, _)) = self.nodes[at..].split_first_chunk_mut() {
-            lanes.pack(children, which, places);
+        let at = waiting.end % Self::LEN;
+        for (list, words) in [(&mut self.nodes, children), (&mut self.ends, ends), (&mut self.of, of)] {
+            if let Some((places, _)) = list[at..].split_first_chunk_mut() {
+                lanes.pack(words, which, places);
+            }
         }
-        if let Some((places, _)) = self.ends[at..].split_first_chunk_mut() {
-            lanes.pack(ends, which, places);
-        }
-        if let Some((places, _)) = self.of[at..].split_first_chunk_mut() {
-            lanes.pack(of, which, places);
-        }
-        self.len = at + which.count_ones() as usize;
+        waiting.end = at + which.count_ones() as usize;
     }
 
     /// Adds one node.
-    #[inline(always)]
-    fn push_one(&mut self, node: u32, end: u32, of: u32) {
-        let at = self.len;
-        if self.nodes.len() <= at {
-            self.grow();
+    fn push_one(&mut self, [node, end, of]: [u32; 3]) {
+        if self.waiting.end >= Self::LEN {
+            self.waiting = self.make_room(self.waiting);
         }
+        let at = self.waiting.end % Self::LEN;
         (self.nodes[at], self.ends[at], self.of[at]) = (node, end, of);
-        self.len = at + 1;
+        self.waiting.end = at + 1;
     }
 
+    /// Gives the places of nodes that have been visited to those that wait, and sets aside what still is too much.
     #[cold]
-    fn grow(&mut self) {
-        let len = (self.nodes.len() * 2).max(1024);
+    #[inline(never)]
+    fn make_room(&mut self, waiting: Waiting) -> Waiting {
         for list in [&mut self.nodes, &mut self.ends, &mut self.of] {
-            list.resize(len, 0);
+            list.copy_within(waiting.at..waiting.end, 0);
         }
+        let mut end = waiting.end - waiting.at;
+        while end > Self::LEN / 2 {
+            end -= 1;
+            self.more.push([self.nodes[end], self.ends[end], self.of[end]]);
+        }
+        Waiting { at: 0, end }
     }
 
-    /// The node at `at`, one past its last leaf, and what cuts it. Asks for the memory of one that comes later.
+    /// Gives places to nodes that were set aside, now that no other one waits.
+    #[cold]
+    #[inline(never)]
+    fn refill(&mut self) -> Waiting {
+        self.waiting = Waiting::default();
+        while self.waiting.end < Self::LEN / 2
+            && let Some(node) = self.more.pop()
+        {
+            self.push_one(node);
+        }
+        self.waiting
+    }
+
+    /// The next node, one past its last leaf, and what cuts it. Asks for the memory of one that comes later.
     #[inline(always)]
-    fn get<L: Lanes>(&self, lanes: L, at: usize, tree: &WideTree) -> (u32, u32, u32) {
-        /// How many nodes ahead memory is asked for.
-        const AHEAD: usize = 6;
-        let soon = self.nodes[(at + AHEAD).min(self.len - 1)] as usize;
+    fn next<L: Lanes>(&mut self, lanes: L, waiting: &mut Waiting, tree: &WideTree) -> Option<[u32; 3]> {
+        if waiting.at >= waiting.end {
+            *waiting = self.refill();
+            if waiting.end == 0 {
+                return None;
+            }
+        }
+        let soon = self.nodes[(waiting.at + Self::AHEAD).min(waiting.end - 1) % Self::LEN] as usize;
         lanes.prefetch_at(tree.nodes(), soon);
         lanes.prefetch_at(tree.axes(), soon);
-        (self.nodes[at], self.ends[at], self.of[at])
+        let at = waiting.at % Self::LEN;
+        waiting.at = at + 1;
+        Some([self.nodes[at], self.ends[at], self.of[at]])
     }
 }
 
@@ -156,42 +244,43 @@ impl Marks {
         bit_from_leaf
     }
 
-    /// Marks where the leaves of lanes begin and end to be seen: `seen` by rows.
+    /// Marks where the leaves of lanes begin and end to be seen: which lanes are, row by row.
     #[inline(always)]
     fn add<L: Lanes, const N: usize>(
         &mut self,
         lanes: L,
         node: &WideNode,
+        starts: L::Words,
         end: u32,
         bit_from_leaf: u32,
-        seen: [u8; N],
-        rows: [u8; N],
+        seen: [(u8, usize); N],
     ) {
         let first = node.first_leaf[0];
         // A lane that is seen otherwise than the one before it begins where leaves begin or end to be seen.
-        let changes = seen.map(|seen| u64::from(seen) ^ (u64::from(seen) << 1));
+        let changes = seen.map(|(lanes, row)| (u64::from(lanes) ^ (u64::from(lanes) << 1), row % ROWS));
         if end - first < u64::BITS {
-            let starts = lanes.at_most(lanes.words(&node.first_leaf), end);
             let places = lanes.marks(starts, first) | (1 << (end - first));
             let bit = first.wrapping_add(bit_from_leaf);
             let (word, shift) = (bit as usize / 64, bit % 64);
             if let Some([low, high, ..]) = self.words.get_mut(word..word + 2) {
-                for k in 0..N {
-                    let (row, changes) = (usize::from(rows[k]) % ROWS, lanes.deposit(changes[k], places));
+                for (changes, row) in changes {
+                    let changes = lanes.deposit(changes, places);
                     low[row] ^= changes << shift;
                     high[row] ^= (changes >> 1) >> (63 - shift);
                 }
             }
             return;
         }
-        for k in 0..N {
-            let mut left = changes[k];
-            while left != 0 {
-                let lane = left.trailing_zeros() as usize;
-                left &= left - 1;
-                let leaf = if lane < LANES { node.first_leaf[lane].min(end) } else { end };
-                let bit = leaf.wrapping_add(bit_from_leaf);
-                self.words[bit as usize / 64][usize::from(rows[k]) % ROWS] ^= 1 << (bit % 64);
+        // Far apart: one after the other, for all rows at once.
+        let mut left = changes.iter().fold(0, |all, (changes, _)| all | changes);
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let leaf = if lane < LANES { node.first_leaf[lane].min(end) } else { end };
+            let bit = leaf.wrapping_add(bit_from_leaf);
+            let marks = &mut self.words[bit as usize / 64];
+            for (changes, row) in changes {
+                marks[row] ^= ((changes >> lane) & 1) << (bit % 64);
             }
         }
     }
@@ -215,9 +304,6 @@ impl Pending {
     const WORDS: usize = 512;
     /// Most ranges in between.
     const BETWEEN: usize = 1024;
-    /// Length of `found`, and most numbers in it that come from one word.
-    const FOUND: usize = 256;
-    const OF_WORD: usize = 64;
 
     /// Leaves that all cells may see.
     #[inline(always)]
@@ -229,22 +315,24 @@ impl Pending {
     #[inline(always)]
     pub(super) fn take(&mut self, visit: &Visit, cuts: &Cuts<'_>) {
         let bit_from_leaf = self.marks.give(visit.leaves);
-        let one = |plane: &LanePlane, rows: [u8; 2], views: &Views| {
-            let kept = rows.map(|row| kept(views[usize::from(row)]));
+        let one = |plane: &LanePlane, rows: [usize; 2], views: &Views| {
+            let kept = rows.map(|row| kept(views[row]));
             OnePlane { plane: *plane, rows, kept, bit_from_leaf }
         };
-        let of_one = self.one.len() as u32;
+        let of_one = self.one.len as u32;
         let (Cuts::One(_, views) | Cuts::Two(_, views)) = cuts;
         self.areas.push(Area { leaves: visit.leaves, views: *views });
         match cuts {
             Cuts::One(plane, views) => {
-                self.by_one.push_one(visit.node, visit.leaves.end, of_one);
+                self.by_one.push_one([visit.node, visit.leaves.end, of_one]);
                 self.one.push(one(plane, [0, 1], views));
             }
             Cuts::Two([x, y], views) => {
-                self.by_two.push_one(visit.node, visit.leaves.end, self.two.len() as u32);
+                self.by_two.push_one([visit.node, visit.leaves.end, self.two.len as u32]);
                 self.two.push(TwoPlanes { planes: [**x, **y], kept: views.map(kept), bit_from_leaf, first_one: of_one });
-                self.one.extend([one(x, [0, 1], views), one(x, [2, 3], views), one(y, [0, 2], views), one(y, [1, 3], views)]);
+                for (plane, rows) in [(x, [0, 1]), (x, [2, 3]), (y, [0, 2]), (y, [1, 3])] {
+                    self.one.push(one(plane, rows, views));
+                }
             }
         }
     }
@@ -271,20 +359,17 @@ impl Pending {
         self.hand_on(sink);
         self.areas.clear();
         self.between.clear();
-        self.one.clear();
-        self.two.clear();
-        (self.by_one.len, self.by_two.len, self.marks.used) = (0, 0, 0);
+        (self.one.len, self.two.len, self.marks.used) = (0, 0, 0);
     }
 
     /// Visits the nodes that two planes may cut. Adds those below that only one does.
     #[inline(always)]
     fn walk_by_two<L: Lanes>(&mut self, lanes: L, tree: &WideTree, offset: DVec3, planes: &LanePlanes, stats: &mut CullStats) {
         let Self { two, by_one, by_two, marks, .. } = self;
-        let (mut at, mut visited, mut tests) = (0, 0, 0);
-        while at < by_two.len {
-            let (id, end, of) = by_two.get(lanes, at, tree);
-            at += 1;
-            let TwoPlanes { planes: [across, up], kept, bit_from_leaf, first_one } = &two[of as usize];
+        let (mut waiting, mut by_one_waiting) = (by_two.waiting, by_one.waiting);
+        let (mut visited, mut tests) = (0, 0);
+        while let Some([id, end, of]) = by_two.next(lanes, &mut waiting, tree) {
+            let TwoPlanes { planes: [across, up], kept, bit_from_leaf, first_one } = two.at(of);
             let node = &tree.nodes()[id as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
             let (mut left, mut right) = boxes.sides(lanes, across, &mut ());
@@ -317,15 +402,18 @@ impl Pending {
             let open = boxes.alive & (seen[0] | seen[1] | seen[2] | seen[3]) & (is_cut_across | is_cut_up) & !node.leaf_lanes;
 
             let children = lanes.words(&node.child);
-            let ends = lanes.next(lanes.at_most(lanes.words(&node.first_leaf), end), end);
-            by_two.push(lanes, children, ends, lanes.repeat(of), open & is_cut_across & is_cut_up);
+            let starts = lanes.at_most(lanes.words(&node.first_leaf), end);
+            let ends = lanes.next(starts, end);
+            by_two.push(lanes, &mut waiting, [children, ends, lanes.repeat(of)], open & is_cut_across & is_cut_up);
             let of_across = lanes.choose(above, lanes.repeat(first_one + 1), lanes.repeat(*first_one));
             let of_up = lanes.choose(right, lanes.repeat(first_one + 3), lanes.repeat(first_one + 2));
             let of_one = lanes.choose(is_cut_across, of_across, of_up);
-            by_one.push(lanes, children, ends, of_one, open & !(is_cut_across & is_cut_up));
-            let seen = seen.map(|seen| seen & boxes.alive & !open);
-            marks.add(lanes, node, end, *bit_from_leaf, seen, [0, 1, 2, 3]);
+            by_one.push(lanes, &mut by_one_waiting, [children, ends, of_one], open & !(is_cut_across & is_cut_up));
+            let closed = boxes.alive & !open;
+            let seen = [(seen[0] & closed, 0), (seen[1] & closed, 1), (seen[2] & closed, 2), (seen[3] & closed, 3)];
+            marks.add(lanes, node, starts, end, *bit_from_leaf, seen);
         }
+        by_one.waiting = by_one_waiting;
         stats.nodes_visited += visited;
         stats.plane_tests += tests * LANES as u64;
     }
@@ -334,11 +422,10 @@ impl Pending {
     #[inline(always)]
     fn walk_by_one<L: Lanes>(&mut self, lanes: L, tree: &WideTree, offset: DVec3, planes: &LanePlanes, stats: &mut CullStats) {
         let Self { one, by_one, marks, .. } = self;
-        let (mut at, mut visited, mut tests) = (0, 0, 0);
-        while at < by_one.len {
-            let (id, end, of) = by_one.get(lanes, at, tree);
-            at += 1;
-            let OnePlane { plane, rows, kept, bit_from_leaf } = &one[of as usize];
+        let mut waiting = by_one.waiting;
+        let (mut visited, mut tests) = (0, 0);
+        while let Some([id, end, of]) = by_one.next(lanes, &mut waiting, tree) {
+            let OnePlane { plane, rows, kept, bit_from_leaf } = one.at(of);
             let node = &tree.nodes()[id as usize];
             let boxes = Boxes::of(lanes, node, offset, planes);
             let (mut below, mut above) = boxes.sides(lanes, plane, &mut ());
@@ -354,9 +441,11 @@ impl Pending {
             }
             let open = cut & !node.leaf_lanes;
             let seen = boxes.alive & !open;
-            let ends = lanes.next(lanes.at_most(lanes.words(&node.first_leaf), end), end);
-            by_one.push(lanes, lanes.words(&node.child), ends, lanes.repeat(of), open);
-            marks.add(lanes, node, end, *bit_from_leaf, [seen & !above & kept[0], seen & !below & kept[1]], *rows);
+            let starts = lanes.at_most(lanes.words(&node.first_leaf), end);
+            let ends = lanes.next(starts, end);
+            by_one.push(lanes, &mut waiting, [lanes.words(&node.child), ends, lanes.repeat(of)], open);
+            let seen = [(seen & !above & kept[0], rows[0]), (seen & !below & kept[1], rows[1])];
+            marks.add(lanes, node, starts, end, *bit_from_leaf, seen);
         }
         stats.nodes_visited += visited;
         stats.plane_tests += tests * LANES as u64;
@@ -365,58 +454,85 @@ impl Pending {
     /// Hands on all in order, and leaves the marks clear.
     #[inline(always)]
     fn hand_on(&mut self, sink: &mut impl Sink) {
-        self.found.resize(Self::FOUND, 0);
         let Self { areas, between, marks, found, .. } = self;
-        let (mut next, mut word) = (0, 0);
-        for between in &*between {
-            while next < between.areas as usize {
-                word = hand_on_area(&areas[next], &mut marks.words, word, found, sink);
-                next += 1;
+        let mut between = between.iter().peekable();
+        let mut words = &mut marks.words[..];
+        for (area, before) in areas.iter().zip(1..) {
+            while let Some(Between { leaves, cells, .. }) = between.next_if(|between| between.areas < before) {
+                sink.emit(*leaves, *cells);
             }
-            sink.emit(between.leaves, between.cells);
+            let (of_area, rest) = words.split_at_mut(words_of(area.leaves));
+            hand_on_area(area, of_area, found, sink);
+            words = rest;
         }
-        for area in &areas[next..] {
-            word = hand_on_area(area, &mut marks.words, word, found, sink);
-        }
+        between.for_each(|Between { leaves, cells, .. }| sink.emit(*leaves, *cells));
     }
 }
 
-/// Hands on an area whose marks begin in `word`. Returns where the next one's do.
+/// Hands on an area.
 #[inline(always)]
-fn hand_on_area(area: &Area, marks: &mut [[u64; ROWS]], word: usize, found: &mut [u32], sink: &mut impl Sink) -> usize {
-    let end = word + words_of(area.leaves);
+fn hand_on_area(area: &Area, words: &mut [[u64; ROWS]], found: &mut Found, sink: &mut impl Sink) {
     for (row, view) in area.views.iter().enumerate() {
         if *view == NO_VIEW {
             continue;
         }
         let mut count = 0;
         let mut first = area.leaves.start;
-        for marks in &mut marks[word..end] {
+        for marks in &mut *words {
             let mut left = std::mem::take(&mut marks[row]);
             let of_word = left.count_ones() as usize;
-            if count + Pending::OF_WORD > found.len() {
-                sink.append_to_view(found[..count & !1].as_chunks().0, *view);
+            if count > Found::LEN {
+                sink.append_to_view(found.0[..count & !1].as_chunks().0, *view);
                 // An odd one out begins a range that ends later.
-                found[0] = found[count - 1];
+                found.0[0] = found.0[count - 1];
                 count &= 1;
             }
-            let out = &mut found[count..count + Pending::OF_WORD];
-            // Some more than there are, so that there is seldom a branch to guess.
-            let mut written = 0;
-            loop {
-                for place in &mut out[written..written + 4] {
-                    *place = first + left.trailing_zeros();
-                    left &= left.wrapping_sub(1);
-                }
-                written += 4;
-                if written >= of_word {
-                    break;
+            if let Some((out, _)) = found.0[count..].split_first_chunk_mut::<{ Found::OF_WORD }>() {
+                // Some more than there are, so that there is seldom a branch to guess.
+                for places in out.as_chunks_mut::<4>().0 {
+                    for place in places {
+                        *place = first + left.trailing_zeros();
+                        left &= left.wrapping_sub(1);
+                    }
+                    if left == 0 {
+                        break;
+                    }
                 }
             }
             count += of_word;
             first += u64::BITS;
         }
-        sink.append_to_view(found[..count].as_chunks().0, *view);
+        sink.append_to_view(found.0[..count].as_chunks().0, *view);
     }
-    end
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lanes::Plain;
+    use super::*;
+
+    #[test]
+    fn each_node_of_a_queue_comes_once_however_many_wait() {
+        const NODES: u32 = 20_000;
+        let tree = WideTree::default();
+        let mut queue = Queue::default();
+        for round in 0..2 {
+            queue.push_one([0, 1, 2]);
+            let mut waiting = queue.waiting;
+            let (mut known, mut came) = (1, vec![0; NODES as usize + LANES]);
+            while let Some([node, end, of]) = queue.next(Plain, &mut waiting, &tree) {
+                assert_eq!([end, of], [node + 1, 2 * node + 2]);
+                came[node as usize] += 1;
+                // Some lanes of a node, so that many more come than go, and then none.
+                let which = if known < NODES { [0b1010_0110, 0b1111_1111, 0b0000_0001, 0][node as usize % 4] | 1 } else { 0 };
+                let child = |lane: usize| known + (u32::from(which) & ((1 << lane) - 1)).count_ones();
+                let children: [u32; LANES] = std::array::from_fn(child);
+                let words = [children, children.map(|node| node + 1), children.map(|node| 2 * node + 2)];
+                queue.push(Plain, &mut waiting, words, which);
+                known += which.count_ones();
+            }
+            assert!(known >= NODES && queue.more.capacity() > 0, "{known} in round {round}");
+            assert!(came[..known as usize].iter().all(|times| *times == 1));
+        }
+    }
 }
