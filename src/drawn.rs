@@ -23,7 +23,22 @@ pub fn upload(gpu: &Arc<Gpu>, package: &Package, targets: &[ViewTarget], attachm
     Ok(renderer)
 }
 
-/// Draws a frame of one view into a target, all its rounds. Gives the leaves that were drawn.
+/// What came of a frame.
+#[derive(Debug, Default)]
+pub struct Drawn {
+    /// Leaves that were drawn.
+    pub leaves: VisibleSet,
+    /// Triangles, in all rounds.
+    pub triangles: u64,
+    /// Boxes that were tested or counted.
+    pub tests: u32,
+    /// Leaves whose boxes were seen, where one round told of all.
+    pub seen: Option<VisibleSet>,
+    /// How long the GPU was drawing, where it has a clock and something was tested.
+    pub draw_us: Option<f64>,
+}
+
+/// Draws a frame of one view into a target, all its rounds.
 ///
 /// # Errors
 /// When the GPU fails.
@@ -32,9 +47,9 @@ pub fn draw(
     planner: &mut Planner,
     package: &Package,
     (target, projection, visible): (ViewId, Projection, &VisibleSet),
-) -> Result<VisibleSet> {
+) -> Result<Drawn> {
     let views = [ViewInput { view: target, projection, visible, missing: &VisibleSet::default() }];
-    let mut drawn = VisibleSet::default();
+    let mut drawn = Drawn::default();
     let mut round = Some(planner.begin(FrameInput {
         views: &views,
         shared_eye: projection.eye,
@@ -46,21 +61,30 @@ pub fn draw(
     }));
     while let Some(plan) = round {
         let results = renderer.draw(plan)?;
-        plan.passes.iter().zip(&results.passes).for_each(|(pass, result)| note_drawn(pass, result, &mut drawn));
+        plan.passes.iter().zip(&results.passes).for_each(|(pass, result)| drawn.note(pass, result));
         round = planner.feed(&results);
     }
-    drawn.normalize();
+    drawn.leaves.normalize();
     Ok(drawn)
 }
 
-/// What is first is drawn whatever is found of it. Without tests of boxes, all that was planned is.
-fn note_drawn(pass: &PassPlan, result: &PassResult, drawn: &mut VisibleSet) {
-    let mut add = |ranges: &[LeafRange]| ranges.iter().for_each(|range| drawn.push_unordered(*range));
-    if let (Some(first), Some(seen)) = (&pass.first, &result.seen) {
-        add(first.ranges());
-        add(seen.ranges());
-    } else {
-        add(pass.opaque.ranges());
-        pass.blended.iter().for_each(|leaf| add(&[LeafRange::new(*leaf, leaf + 1)]));
+impl Drawn {
+    /// What is first is drawn whatever is found of it. Without tests of boxes, all that was planned is.
+    fn note(&mut self, pass: &PassPlan, result: &PassResult) {
+        let mut add = |ranges: &[LeafRange]| ranges.iter().for_each(|range| self.leaves.push_unordered(*range));
+        if let (Some(first), Some(seen)) = (&pass.first, &result.seen) {
+            add(first.ranges());
+            add(seen.ranges());
+            self.tests += pass.opaque.len() + pass.blended.len() as u32;
+            self.seen = Some(seen.clone());
+        } else {
+            add(pass.opaque.ranges());
+            pass.blended.iter().for_each(|leaf| add(&[LeafRange::new(*leaf, leaf + 1)]));
+            self.tests += (pass.bounds.len() + pass.footprints.len()) as u32;
+        }
+        self.triangles += result.triangles;
+        if let Some(times) = result.times {
+            *self.draw_us.get_or_insert_default() += times.draw_us;
+        }
     }
 }

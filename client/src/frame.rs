@@ -64,9 +64,6 @@ pub struct PassPlan {
     /// With occlusion culling those of `opaque` that are drawn at once. The others, and blended ones, are drawn where their boxes are seen
     /// beyond these.
     pub first: Option<VisibleSet>,
-    /// Which of `first` are tested whether they are still seen: those whose number leaves `turn` when divided by `every`. The others
-    /// count as seen.
-    pub retest: Retest,
     /// What is tested once this round is drawn, where nothing of it waits.
     pub bounds: Vec<Bound>,
     /// What is counted once this round is drawn.
@@ -97,25 +94,6 @@ impl Bound {
             Self::World(bounds) => Some(*bounds),
             Self::Leaf(_) => None,
         }
-    }
-}
-
-/// Some leaves, evenly chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Retest {
-    /// 1: all of them.
-    pub every: u32,
-    /// Less than `every`.
-    pub turn: u32,
-}
-
-impl Retest {
-    /// All leaves.
-    pub const ALL: Self = Self { every: 1, turn: 0 };
-
-    /// Whether a leaf is among them.
-    pub fn takes(self, leaf: u32) -> bool {
-        leaf % self.every == self.turn
     }
 }
 
@@ -281,7 +259,6 @@ impl PassPlan {
             round: 0,
             opaque: VisibleSet::default(),
             first: None,
-            retest: Retest::ALL,
             bounds: Vec::new(),
             footprints: Vec::new(),
             test: BoxTest::Drawn,

@@ -136,7 +136,7 @@ impl Flight<'_> {
             for (view, set) in sets.iter().enumerate() {
                 let target = ViewId(sizes.binary_search(&size_of(view)).unwrap_or(0) as u16); // every size is in there
                 let projection = wall.projection(ViewId(view as u16), eyes[view], &world_from_room);
-                let drawn = drawn::draw(&mut renderer, &mut planners[view], package, (target, projection, set))?;
+                let drawn = drawn::draw(&mut renderer, &mut planners[view], package, (target, projection, set))?.leaves;
                 drawn.ranges().iter().for_each(|range| union.push_unordered(*range));
             }
             union.normalize();

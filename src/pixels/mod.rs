@@ -268,7 +268,7 @@ impl<'a> Painter<'a> {
         projection: Projection,
         visible: &VisibleSet,
     ) -> Result<(Picture, VisibleSet)> {
-        let drawn = drawn::draw(&mut self.renderer, planner, self.package, (target, projection, visible))?;
+        let drawn = drawn::draw(&mut self.renderer, planner, self.package, (target, projection, visible))?.leaves;
         let picture = Picture { color: self.renderer.read_color(target)?, ids: self.renderer.read_ids(target)? };
         Ok((picture, drawn))
     }

@@ -155,12 +155,10 @@ impl Renderer {
             };
             let clip_from_local = glam::Mat4::from_cols_array(&self.list.records[instance.record as usize]);
             let is_late = draw >= late_draws;
-            let (is_drawn, is_sifted) = (is_late || pass.retest.takes(instance.leaf), pass.test == BoxTest::Sifted);
-            let is_tested = is_drawn || is_sifted;
-            let grown = is_tested.then(|| grower.test(&leaf.local_aabb(), &clip_from_local, &scale)).flatten();
+            let grown = grower.test(&leaf.local_aabb(), &clip_from_local, &scale);
             if let Some(grown) = grown {
                 let bounds = TestBox::new(grown, instance.record, draw, self.mirrored[object], is_late);
-                boxes.push(if is_drawn { bounds } else { bounds.sifted_only() });
+                boxes.push(bounds);
                 arguments.instance_count = u32::from(!is_late);
             }
             let triangles = arguments.index_count / 3;

@@ -104,7 +104,7 @@ impl BoxTester {
                 (vertex, Kind::Read),
             ],
         );
-        let sifted = [Kind::Read, Kind::Read, Kind::Write, Kind::Uniform, Kind::Write, Kind::Write].map(|kind| (all, kind));
+        let sifted = [Kind::Read, Kind::Read, Kind::Uniform, Kind::Write, Kind::Write].map(|kind| (all, kind));
         let sifted_layout = layout(device, "sifted boxes", &sifted);
         let released = [Kind::Read, Kind::Read, Kind::Write, Kind::Uniform].map(|kind| (all, kind));
         let released_layout = layout(device, "released draws", &released);
@@ -315,7 +315,7 @@ impl First {
         let (work, draw) = (self.work.as_entire_binding(), self.chosen_draw.as_entire_binding());
         let groups = Groups {
             drawn: bind(gpu, &tester.drawn_layout, &[&records, &boxes, &seen, &work, &chosen].map(Clone::clone)),
-            sifted: bind(gpu, &tester.sifted_layout, &[&records, &boxes, &seen, &work, &chosen, &draw].map(Clone::clone)),
+            sifted: bind(gpu, &tester.sifted_layout, &[&records, &boxes, &work, &chosen, &draw].map(Clone::clone)),
             released: bind(gpu, &tester.released_layout, &[&boxes, &seen, &arguments, &work].map(Clone::clone)),
         };
         self.groups = Some((generations, groups));

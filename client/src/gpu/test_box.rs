@@ -18,8 +18,7 @@ pub(super) struct TestBox {
     draw: u32,
     is_mirrored: u32,
     is_late: u32,
-    is_drawn: u32,
-    unused: u32,
+    unused: [u32; 2],
 }
 const _: () = assert!(size_of::<TestBox>() == 48);
 
@@ -74,12 +73,6 @@ impl TestBox {
     /// A box of an object, by its place among the records. `draw`: what comes of it is said of that; `is_late`: and that waits for it.
     pub fn new((min, max): (Vec3, Vec3), record: u32, draw: u32, is_mirrored: bool, is_late: bool) -> Self {
         let (is_mirrored, is_late) = (u32::from(is_mirrored), u32::from(is_late));
-        Self { min: min.to_array(), record, max: max.to_array(), draw, is_mirrored, is_late, is_drawn: 1, unused: 0 }
-    }
-
-    /// The same, but it is never drawn: where nothing else tells, it is seen.
-    #[must_use]
-    pub fn sifted_only(self) -> Self {
-        Self { is_drawn: 0, ..self }
+        Self { min: min.to_array(), record, max: max.to_array(), draw, is_mirrored, is_late, unused: [0; 2] }
     }
 }

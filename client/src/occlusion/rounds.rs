@@ -9,7 +9,7 @@ use mullion_common::scene::{LeafRecord, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::tree::{NodeId, VisibleTree};
-use crate::frame::{Bound, Retest, Times};
+use crate::frame::{Bound, Times};
 
 /// Most bounds of a round in order of depth: those behind are asked for when more is drawn.
 const DEPTH_LIST_BOUNDS: usize = 32;
@@ -32,6 +32,22 @@ pub enum Order {
 impl Default for Order {
     fn default() -> Self {
         Self::Depth { budget_us: f64::INFINITY }
+    }
+}
+
+/// Some leaves, evenly chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Retest {
+    /// 1: all of them.
+    pub every: u32,
+    /// Less than `every`.
+    pub turn: u32,
+}
+
+impl Retest {
+    /// Whether a leaf is among them.
+    pub fn takes(self, leaf: u32) -> bool {
+        leaf % self.every == self.turn
     }
 }
 
@@ -134,13 +150,15 @@ impl Rounds {
         self.tree.build(all.leaves(), subject.records, subject.transforms);
         self.scratch = all;
         self.clear_round();
-        match order {
-            Order::Depth { .. } => {
+        match (order, self.seen.take()) {
+            (Order::Seen(retest), Some(seen)) => self.begin_with_seen(subject, (&seen, retest)),
+            _ => {
+                // Also where it is not known yet what is seen.
+                self.order = if let Order::Seen(_) = order { Order::default() } else { order };
                 self.seen = Some(VisibleSet::default());
                 self.tree.roots().for_each(|root| self.enlist(root));
                 self.take_from_list();
             }
-            Order::Seen(retest) => self.begin_with_seen(subject, retest),
         }
         self.finish_round();
     }
@@ -262,16 +280,11 @@ impl Rounds {
         }
     }
 
-    fn begin_with_seen(&mut self, subject: &Subject<'_>, retest: Retest) {
-        let before = self.seen.take();
-        match &before {
-            Some(seen) => subject.opaque.intersection_into(seen, &mut self.round.opaque),
-            None => self.round.opaque.clone_from(subject.opaque),
-        }
+    fn begin_with_seen(&mut self, subject: &Subject<'_>, (seen, retest): (&VisibleSet, Retest)) {
+        subject.opaque.intersection_into(seen, &mut self.round.opaque);
         self.seen = Some(VisibleSet::default());
-        let retest = if before.is_some() { retest } else { Retest::ALL };
         // Nothing that is marked as seen is asked for again while nothing moves.
-        if !(subject.is_still && before.is_some()) {
+        if !subject.is_still {
             let again: Vec<u32> = self.round.opaque.leaves().filter(|leaf| retest.takes(*leaf)).take(MAX_QUERIES / 2).collect();
             for leaf in again {
                 self.asked.push(Asked::Again(leaf));

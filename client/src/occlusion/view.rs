@@ -4,15 +4,14 @@ use glam::DAffine3;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Projection, ViewId};
 
-use super::rounds::{Order, Round, Rounds, Subject};
+use super::rounds::{Order, Retest, Round, Rounds, Subject};
 use super::unit::{Counts, Footprint, contribution, contribution_as_printed};
 use super::worth::{Budget, Outcome, Worth};
 use super::{Adaptive, BoxTest, Occlusion};
-use crate::frame::{FrameInput, PassPlan, PassResult, Retest, Times};
+use crate::frame::{FrameInput, PassPlan, PassResult, Times};
 
-/// Frames in which every leaf that is seen is tested once: its box is drawn over most of what it covers itself, and what became hidden may be
-/// drawn that much longer.
-const RETEST_FRAMES: u32 = 1;
+/// Frames in which every leaf that is seen is queried once: what became hidden may be drawn that much longer.
+const RETEST_FRAMES: u32 = 2;
 /// While something moves, one of so many spans of a bound is looked at (section 4.2).
 const SAMPLING: u32 = 10;
 
@@ -88,7 +87,6 @@ impl CulledView {
     /// Turns a pass that draws all into one that begins with less.
     pub fn begin(&mut self, input: &FrameInput<'_>, pass: &mut PassPlan, frame: u32) {
         self.look(input.has_changed, pass);
-        let retest = Retest { every: RETEST_FRAMES, turn: frame % RETEST_FRAMES };
         match &mut self.state {
             State::Turns { seen, worth } => {
                 if worth.as_mut().is_some_and(|worth| !worth.is_on()) {
@@ -101,7 +99,6 @@ impl CulledView {
                     Some(seen) => pass.opaque.intersection_into(seen, &mut first),
                     None => first.clone_from(&pass.opaque),
                 }
-                pass.retest = seen.as_ref().map_or(Retest::ALL, |_| retest);
                 (pass.first, pass.test) = (Some(first), BoxTest::Sifted);
             }
             State::Rounds(state) => {
@@ -115,7 +112,7 @@ impl CulledView {
                     in_world: self.occlusion == Occlusion::Adaptive,
                 };
                 let order = match self.occlusion {
-                    Occlusion::Query => Order::Seen(retest),
+                    Occlusion::Query => Order::Seen(Retest { every: RETEST_FRAMES, turn: frame % RETEST_FRAMES }),
                     Occlusion::CostAdaptive => Order::Depth { budget_us: state.budget.us() },
                     _ => Order::Depth { budget_us: f64::INFINITY },
                 };

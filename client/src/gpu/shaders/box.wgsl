@@ -11,9 +11,7 @@ struct Box {
     is_mirrored: u32,
     // Not 0: the draw waits for what comes of this.
     is_late: u32,
-    // Not 0: it is drawn where nothing else tells whether it is seen. If 0, it then is.
-    is_drawn: u32,
-    unused: u32,
+    unused: vec2u,
 }
 
 // Interpolated depths of a box and of what it holds differ by the last bits: a box that is hidden by less than this share is seen.

@@ -2,10 +2,9 @@
 
 @group(0) @binding(0) var<storage, read> clip_from_local: array<mat4x4f>;
 @group(0) @binding(1) var<storage, read> boxes: array<Box>;
-@group(0) @binding(2) var<storage, read_write> is_seen: array<u32>;
-@group(0) @binding(3) var<uniform> work: Work;
-@group(0) @binding(4) var<storage, read_write> chosen: array<u32>;
-@group(0) @binding(5) var<storage, read_write> arguments: array<atomic<u32>>;
+@group(0) @binding(2) var<uniform> work: Work;
+@group(0) @binding(3) var<storage, read_write> chosen: array<u32>;
+@group(0) @binding(4) var<storage, read_write> arguments: array<atomic<u32>>;
 @group(1) @binding(0) var<storage, read> levels: array<f32>;
 @group(1) @binding(1) var<uniform> extent: Extent;
 
@@ -73,13 +72,7 @@ fn sift(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= work.boxes {
         return;
     }
-    let bounds = boxes[id.x];
-    if is_hidden(bounds) {
-        return;
+    if !is_hidden(boxes[id.x]) {
+        chosen[atomicAdd(&arguments[1], 1u)] = id.x;
     }
-    if bounds.is_drawn == 0u {
-        is_seen[bounds.draw] = 1u;
-        return;
-    }
-    chosen[atomicAdd(&arguments[1], 1u)] = id.x;
 }

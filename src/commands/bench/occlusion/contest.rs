@@ -5,12 +5,11 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use image::RgbaImage;
-use mullion_client::frame::{FrameInput, PassResult, Planner, ViewInput};
+use mullion_client::frame::Planner;
 use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
-use mullion_client::missing::WhenMissing;
 use mullion_client::occlusion::Occlusion;
 use mullion_common::camera_path::CameraPath;
-use mullion_common::scene::{AlphaMode, ChunkId, LeafRecord, Package};
+use mullion_common::scene::{AlphaMode, LeafRecord, Package};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId, Wall};
 use mullion_server::cull::{Algorithm, Culler};
@@ -18,6 +17,7 @@ use mullion_server::tree::CullTree;
 
 use super::table::{Row, Table};
 use super::{Mode, Way};
+use crate::drawn::{self, Drawn};
 use crate::show::Spread;
 
 const VIEW: ViewId = ViewId(0);
@@ -53,16 +53,6 @@ struct Sums {
     wrong_pixels: u64,
 }
 
-/// One frame, drawn in one way.
-#[derive(Default)]
-struct Drawn {
-    frame_ms: f64,
-    draw_us: Option<f64>,
-    triangles: u64,
-    tests: u64,
-    leaves: VisibleSet,
-}
-
 /// What is true of a frame, however it is drawn.
 struct Truth {
     /// Leaves of which a pixel is seen.
@@ -76,19 +66,12 @@ struct Truth {
 impl<'a> Contest<'a> {
     /// Uploads the scene.
     pub fn new(gpu: &Arc<Gpu>, package: &'a Package, wall: &'a Wall, ways: &[Way]) -> Result<Self> {
-        let renderer = |attachments| -> Result<Renderer> {
-            let manifest = Arc::new(package.scene.manifest.clone());
-            let targets = [ViewTarget { view: VIEW, size_px: wall.tiles()[0].size_px }];
-            let mut renderer = Renderer::new(Arc::clone(gpu), manifest, &targets, attachments)?;
-            for chunk in (0..package.scene.manifest.chunks.len() as u32).map(ChunkId) {
-                renderer.upload(chunk, package.chunk(chunk)).with_context(|| format!("chunk {}", chunk.0))?;
-            }
-            Ok(renderer)
-        };
+        let targets = [ViewTarget { view: VIEW, size_px: wall.tiles()[0].size_px }];
         let contestant = |way: Way| Contestant { way, planner: way.planner(), sums: Sums::default() };
         let frustum = Way { mode: Mode::Frustum, adaptive: None };
         let contestants = std::iter::once(frustum).chain(ways.iter().copied()).map(contestant).collect();
-        let (plain, culled) = (renderer(Attachments::Color)?, renderer(Attachments::ColorAndIds)?);
+        let plain = drawn::upload(gpu, package, &targets, Attachments::Color)?;
+        let culled = drawn::upload(gpu, package, &targets, Attachments::ColorAndIds)?;
         Ok(Self { package, wall, plain, culled, contestants })
     }
 
@@ -148,32 +131,18 @@ impl<'a> Contest<'a> {
         })
     }
 
-    /// Draws a frame in one way.
-    fn draw(&mut self, at: usize, projection: &Projection, visible: &VisibleSet) -> Result<Drawn> {
+    /// Draws a frame in one way. Gives how long it took, milliseconds, too.
+    fn draw(&mut self, at: usize, projection: &Projection, visible: &VisibleSet) -> Result<(f64, Drawn)> {
         let Contestant { way, planner, .. } = &mut self.contestants[at];
         let renderer = if way.mode.occlusion() == Occlusion::Off { &mut self.plain } else { &mut self.culled };
-        let mut drawn = Drawn::default();
         let started = Instant::now();
-        draw_all_rounds(renderer, planner, (self.package, projection, visible), |result, round| {
-            drawn.triangles += result.triangles;
-            drawn.tests += u64::from(round.tests);
-            if let Some(times) = result.times {
-                *drawn.draw_us.get_or_insert_default() += times.draw_us;
-            }
-            let mut before = std::mem::take(&mut drawn.leaves);
-            before.union_into(&round.leaves, &mut drawn.leaves);
-            if let Some(seen) = &result.seen {
-                std::mem::swap(&mut before, &mut drawn.leaves);
-                before.union_into(seen, &mut drawn.leaves);
-            }
-        })?;
+        let drawn = drawn::draw(renderer, planner, self.package, (VIEW, *projection, visible))?;
         renderer.wait()?;
-        drawn.frame_ms = started.elapsed().as_secs_f64() * 1e3;
-        Ok(drawn)
+        Ok((started.elapsed().as_secs_f64() * 1e3, drawn))
     }
 
     /// Looks at what was drawn.
-    fn add(&mut self, at: usize, drawn: Drawn, truth: &Truth) -> Result<()> {
+    fn add(&mut self, at: usize, (frame_ms, drawn): (f64, Drawn), truth: &Truth) -> Result<()> {
         let mode = self.contestants[at].way.mode;
         let renderer = if mode.occlusion() == Occlusion::Off { &self.plain } else { &self.culled };
         let picture = renderer.read_color(VIEW)?;
@@ -182,12 +151,12 @@ impl<'a> Contest<'a> {
         truth.box_hidden.difference_into(&drawn.leaves, &mut kept);
         drawn.leaves.difference_into(&truth.with_pixel, &mut without_pixel);
         let sums = &mut self.contestants[at].sums;
-        sums.frame_ms.push(drawn.frame_ms);
+        sums.frame_ms.push(frame_ms);
         if let Some(draw_us) = drawn.draw_us {
             *sums.draw_ms.get_or_insert_default() += draw_us / 1e3;
         }
         sums.drawn.push(drawn.triangles);
-        sums.tests += drawn.tests;
+        sums.tests += u64::from(drawn.tests);
         sums.hidden_culled += u64::from(kept.len());
         sums.drawn_leaves += u64::from(drawn.leaves.len());
         sums.false_visible += u64::from(without_pixel.len());
@@ -197,11 +166,8 @@ impl<'a> Contest<'a> {
 
     /// Draws all that is in the frustum, in both ways, and tests all boxes against it.
     fn truth(&mut self, projection: &Projection, visible: &VisibleSet) -> Result<Truth> {
-        let mut seen = None;
-        let scene = (self.package, projection, visible);
-        draw_all_rounds(&mut self.culled, &mut Planner::new().culling(Occlusion::Hiz), scene, |result, _| {
-            seen.clone_from(&result.seen)
-        })?;
+        let scene = (VIEW, *projection, visible);
+        let seen = drawn::draw(&mut self.culled, &mut Planner::new().culling(Occlusion::Hiz), self.package, scene)?.seen;
         let seen = seen.context("this GPU cannot test boxes: it lacks indirect draws or storage in fragments")?;
         let mut ids = self.culled.read_leaves(VIEW)?;
         ids.sort_unstable();
@@ -219,52 +185,9 @@ impl<'a> Contest<'a> {
         with_pixel.normalize();
         let mut box_hidden = VisibleSet::default();
         visible.difference_into(&seen, &mut box_hidden);
-        draw_all_rounds(&mut self.plain, &mut Planner::new(), scene, |_, _| {})?;
+        drawn::draw(&mut self.plain, &mut Planner::new(), self.package, scene)?;
         Ok(Truth { with_pixel, box_hidden, picture: self.plain.read_color(VIEW)? })
     }
-}
-
-/// What a round was planned to be.
-struct Planned {
-    /// Drawn whatever comes of tests.
-    leaves: VisibleSet,
-    tests: u32,
-}
-
-fn draw_all_rounds(
-    renderer: &mut Renderer,
-    planner: &mut Planner,
-    (package, projection, visible): (&Package, &Projection, &VisibleSet),
-    mut look: impl FnMut(&PassResult, &Planned),
-) -> Result<()> {
-    let missing = VisibleSet::default();
-    let views = [ViewInput { view: VIEW, projection: *projection, visible, missing: &missing }];
-    let mut round = Some(planner.begin(FrameInput {
-        views: &views,
-        shared_eye: projection.eye,
-        manifest: &package.scene.manifest,
-        transforms: renderer.transforms(),
-        resident: &|_| true,
-        when_missing: WhenMissing::Hold,
-        has_changed: false,
-    }));
-    while let Some(plan) = round {
-        let pass = &plan.passes[0];
-        let mut planned = Planned {
-            leaves: pass.first.as_ref().unwrap_or(&pass.opaque).clone(),
-            tests: (pass.bounds.len() + pass.footprints.len()) as u32,
-        };
-        if pass.first.is_some() {
-            planned.tests = pass.opaque.len() + pass.blended.len() as u32;
-        } else {
-            pass.blended.iter().for_each(|leaf| planned.leaves.push_unordered(LeafRange::new(*leaf, leaf + 1)));
-            planned.leaves.normalize();
-        }
-        let results = renderer.draw(plan)?;
-        look(&results.passes[0], &planned);
-        round = planner.feed(&results);
-    }
-    Ok(())
 }
 
 fn triangles(of: &VisibleSet, leaves: &[LeafRecord]) -> u64 {
