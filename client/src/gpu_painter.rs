@@ -102,11 +102,8 @@ fn failed(error: impl std::fmt::Display) -> PaintError {
 impl Painter for GpuPainter {
     fn open_scene(&mut self, manifest: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError> {
         let targets: Vec<ViewTarget> = views.iter().map(|v| ViewTarget { view: v.view, size_px: v.size_px }).collect();
-        let attachments = match self.occlusion {
-            Occlusion::Off => Attachments::Color,
-            _ => Attachments::ColorAndIds,
-        };
-        let renderer = Renderer::new(Arc::clone(&self.gpu), Arc::clone(manifest), &targets, attachments).map_err(failed)?;
+        let renderer =
+            Renderer::new(Arc::clone(&self.gpu), Arc::clone(manifest), &targets, Attachments::Color).map_err(failed)?;
         self.planner = Planner::new().culling(self.occlusion).while_worth(); // it knows another scene's leaves
         if let Output::OwnWindow(feed) = &self.output {
             feed.lay_out(layout::lay_out(views)).map_err(|_| PaintError::Closed)?;

@@ -55,11 +55,12 @@ pub struct Options {
     /// Show the wall in a window, too.
     #[arg(long)]
     window: bool,
-    /// Leave out what others hide: none or hiz. The pictures are the same.
-    #[arg(long, value_name = "none|hiz", default_value_t = Occlusion::Off)]
+    /// How to leave out what others hide: none, paper, sampled, cost-adaptive, query or hiz. The pictures are the same, but of sampled while
+    /// something moves. hiz is left off by itself where it does not pay.
+    #[arg(long, value_name = "MODE", default_value_t = Occlusion::Hiz)]
     occlusion: Occlusion,
     /// Draw the scene from above into this file (PNG): the wall's frusta at the last frame shown in red, and in yellow the bounds of leaves
-    /// in them that no tile drew. Without --occlusion all are drawn, and nothing is yellow.
+    /// in them that no tile drew. With --occlusion none all are drawn, and nothing is yellow.
     #[arg(long, value_name = "FILE")]
     birdseye: Option<PathBuf>,
     /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.

@@ -51,8 +51,9 @@ pub struct Options {
     /// What to show of what has not come yet: box, hold (the last picture, until everything is there) or nothing.
     #[arg(long, value_name = "box|hold|nothing", default_value_t = WhenMissing::Box)]
     missing: WhenMissing,
-    /// Leave out what others hide: none or hiz. The pictures are the same.
-    #[arg(long, value_name = "none|hiz", default_value_t = Occlusion::Off)]
+    /// How to leave out what others hide: none, paper, sampled, cost-adaptive, query or hiz. The pictures are the same, but of sampled while
+    /// something moves. hiz is left off by itself where it does not pay.
+    #[arg(long, value_name = "MODE", default_value_t = Occlusion::Hiz)]
     occlusion: Occlusion,
     /// Folder for geometry and textures, so that a restart fetches only what is new; nodes of one machine may share it. The user's cache
     /// folder if left out.

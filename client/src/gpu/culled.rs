@@ -39,14 +39,11 @@ pub(super) struct Tested {
 }
 
 impl Renderer {
-    /// Whether a target can be drawn with occlusion culling: it has leaf ids, and the GPU can test boxes.
+    /// Whether a target can be drawn with occlusion culling: whether the GPU can test boxes.
     pub(super) fn can_cull(&mut self, at: usize) -> bool {
-        if self.targets[at].ids.is_none() {
-            return false;
-        }
         let tester = self.culling.tester.get_or_insert_with(|| match BoxTester::new(&self.gpu) {
             Some(tester) => {
-                self.pipelines.add_late(&self.gpu, &tester.first_layout);
+                self.pipelines.add_culled(&self.gpu, &tester.first_layout);
                 Tester::There(tester)
             }
             None => Tester::Missing,
@@ -65,6 +62,7 @@ impl Renderer {
         self.buffers.write(&self.gpu, &self.list)?;
         let asked = self.list.arguments.len() as u32;
         let target = &mut self.targets[at];
+        target.begin(&self.gpu, true);
         target.write_uniform(&self.gpu, &pass.projection);
         let records = &self.buffers.records;
         target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer));

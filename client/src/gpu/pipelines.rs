@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use mullion_common::scene::{AlphaMode, Material};
 
 use super::arena::Vertex;
+use super::bindings::pipeline_layout;
 use super::device::Gpu;
 use super::draws::Instance;
 use super::targets::{Attachments, COLOR_FORMAT, DEPTH_FORMAT, IDS_FORMAT};
@@ -94,8 +95,10 @@ pub(super) struct Pipelines {
     /// Texture and sampler.
     pub texture_layout: wgpu::BindGroupLayout,
     module: wgpu::ShaderModule,
-    attachments: Attachments,
-    by_key: Vec<wgpu::RenderPipeline>,
+    layout: wgpu::PipelineLayout,
+    plain: Vec<wgpu::RenderPipeline>,
+    /// With ids, of both turns.
+    culled: Vec<wgpu::RenderPipeline>,
 }
 
 impl Pipelines {
@@ -109,32 +112,29 @@ impl Pipelines {
         }
         let source = wgpu::ShaderSource::Wgsl(source);
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("scene"), source });
-        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("scene"),
-            bind_group_layouts: &[Some(&view_layout), Some(&texture_layout)],
-            immediate_size: 0,
-        });
-        let by_key = PipelineKey::kinds(Turn::First).map(|kind| pipeline(device, &module, &layout, attachments, kind)).collect();
-        Self { view_layout, texture_layout, module, attachments, by_key }
+        let layout = pipeline_layout(device, "scene", &[&view_layout, &texture_layout]);
+        let plain = PipelineKey::kinds(Turn::First).map(|kind| pipeline(device, &module, &layout, attachments, kind)).collect();
+        Self { view_layout, texture_layout, module, layout, plain, culled: Vec::new() }
     }
 
-    /// Makes those of the late turn, if they are not there.
-    pub fn add_late(&mut self, gpu: &Gpu, first_layout: &wgpu::BindGroupLayout) {
-        if self.by_key.len() > usize::from(PipelineKey::FIRST_TURN) {
+    /// Makes those of passes with occlusion culling, if they are not there.
+    pub fn add_culled(&mut self, gpu: &Gpu, first_layout: &wgpu::BindGroupLayout) {
+        if !self.culled.is_empty() {
             return;
         }
-        let device = &gpu.device;
-        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("late"),
-            bind_group_layouts: &[Some(&self.view_layout), Some(&self.texture_layout), Some(first_layout)],
-            immediate_size: 0,
-        });
-        let late = PipelineKey::kinds(Turn::Late);
-        self.by_key.extend(late.map(|kind| pipeline(device, &self.module, &layout, self.attachments, kind)));
+        let groups = [&self.view_layout, &self.texture_layout, first_layout];
+        let late = pipeline_layout(&gpu.device, "late", &groups);
+        for (layout, turn) in [(&self.layout, Turn::First), (&late, Turn::Late)] {
+            let of_turn = PipelineKey::kinds(turn);
+            let made = of_turn.map(|kind| pipeline(&gpu.device, &self.module, layout, Attachments::ColorAndIds, kind));
+            self.culled.extend(made);
+        }
     }
 
-    pub fn get(&self, key: PipelineKey) -> &wgpu::RenderPipeline {
-        &self.by_key[usize::from(key.0)]
+    /// One of a pass without occlusion culling, or with.
+    pub fn get(&self, key: PipelineKey, is_culled: bool) -> &wgpu::RenderPipeline {
+        let by_key = if is_culled { &self.culled } else { &self.plain };
+        &by_key[usize::from(key.0)]
     }
 }
 

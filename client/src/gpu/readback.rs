@@ -42,7 +42,8 @@ impl Renderer {
     /// # Errors
     /// As [`Renderer::read_ids`].
     pub fn read_leaves(&self, view: ViewId) -> Result<Vec<u32>, GpuError> {
-        let (ids, _) = self.target(view)?.ids.as_ref().ok_or(GpuError::NoIds)?;
+        let target = self.target(view)?;
+        let (ids, _) = target.ids.as_ref().filter(|_| target.ids_are_new).ok_or(GpuError::NoIds)?;
         Ok(bytemuck::pod_collect_to_vec(&read_texture(&self.gpu, ids)?))
     }
 

@@ -212,6 +212,7 @@ impl Renderer {
         self.list_draws(pass);
         self.buffers.write(&self.gpu, &self.list)?;
         let (target, records) = (&mut self.targets[at], &self.buffers.records);
+        target.begin(&self.gpu, false);
         target.write_uniform(&self.gpu, &pass.projection);
         target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer));
 
@@ -290,7 +291,7 @@ impl Renderer {
         }
     }
 
-    /// Draws some of what is listed. `measured`: as which pass of a target that is culled.
+    /// Draws some of what is listed. `measured`: as which pass of a target that is culled; none of one that is not.
     pub(super) fn encode(
         &self,
         target: &Target,
@@ -298,6 +299,7 @@ impl Renderer {
         (load, measured): (Load, Option<Pass>),
         batches: Range<usize>,
     ) {
+        let is_culled = measured.is_some();
         let timer = target.first.as_ref().and_then(|first| first.timer.as_ref());
         let attachment = |view, clear| wgpu::RenderPassColorAttachment {
             view,
@@ -305,11 +307,11 @@ impl Renderer {
             resolve_target: None,
             ops: wgpu::Operations { load: load.of(clear), store: wgpu::StoreOp::Store },
         };
-        let ids = target.ids.as_ref().map(|(_, view)| attachment(view, wgpu::Color::TRANSPARENT));
+        let ids = target.ids.as_ref().filter(|_| target.ids_are_new).map(|(_, view)| attachment(view, wgpu::Color::TRANSPARENT));
         let color_attachments = [Some(attachment(&target.color_view, CLEAR_COLOR)), ids];
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("view"),
-            color_attachments: if target.ids.is_some() { &color_attachments } else { &color_attachments[..1] },
+            color_attachments: if target.ids_are_new { &color_attachments } else { &color_attachments[..1] },
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &target.depth_view,
                 // Reversed depth: 0 is infinitely far.
@@ -329,7 +331,7 @@ impl Renderer {
         for batch in &self.list.batches[batches] {
             let state = batch.state;
             if bound.is_none_or(|b| b.pipeline != state.pipeline) {
-                pass.set_pipeline(self.pipelines.get(state.pipeline));
+                pass.set_pipeline(self.pipelines.get(state.pipeline, is_culled));
             }
             if bound.is_none_or(|b| b.texture != state.texture) {
                 pass.set_bind_group(1, &self.materials.bindings[state.texture as usize], &[]);

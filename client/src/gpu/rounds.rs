@@ -24,6 +24,7 @@ impl Renderer {
         let boxes = self.list_bounds(at, pass);
         self.buffers.write(&self.gpu, &self.list)?;
         let target = &mut self.targets[at];
+        target.begin(&self.gpu, true);
         target.write_uniform(&self.gpu, &pass.projection);
         let records = &self.buffers.records;
         target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer));

@@ -14,7 +14,7 @@ pub(super) const IDS_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 /// A pale sky, linear.
 pub(super) const CLEAR_COLOR: wgpu::Color = wgpu::Color { r: 0.42, g: 0.53, b: 0.66, a: 1.0 };
 
-/// What a renderer draws.
+/// What a pass without occlusion culling draws; one with it draws both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attachments {
     /// Colour.
@@ -54,7 +54,12 @@ pub(super) struct Target {
     pub color_view: wgpu::TextureView,
     pub depth: wgpu::Texture,
     pub depth_view: wgpu::TextureView,
+    /// Leaves plus one. Made when they are first drawn.
     pub ids: Option<(wgpu::Texture, wgpu::TextureView)>,
+    /// Whether passes without occlusion culling draw them, too.
+    pub always_ids: bool,
+    /// Whether they are of the last picture.
+    pub ids_are_new: bool,
     /// Made when it is first drawn with occlusion culling.
     pub first: Option<First>,
     /// Made when it is first shown.
@@ -73,8 +78,6 @@ impl Target {
         use wgpu::TextureUsages as Use;
         let color = texture(gpu, "colour", size_px, COLOR_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC);
         let depth = texture(gpu, "depth", size_px, DEPTH_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC);
-        let ids = (attachments == Attachments::ColorAndIds)
-            .then(|| texture(gpu, "leaf ids", size_px, IDS_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC));
         let uniform = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("view"),
             size: size_of::<ViewUniform>() as u64,
@@ -89,11 +92,23 @@ impl Target {
             depth_view: view_of(&depth),
             depth,
             first: None,
-            ids: ids.map(|ids| (ids.clone(), view_of(&ids))),
+            ids: None,
+            always_ids: attachments == Attachments::ColorAndIds,
+            ids_are_new: false,
             shown: None,
             uniform,
             bindings: None,
         })
+    }
+
+    /// Begins a pass, with ids or without.
+    pub fn begin(&mut self, gpu: &Gpu, is_culled: bool) {
+        use wgpu::TextureUsages as Use;
+        self.ids_are_new = is_culled || self.always_ids;
+        if self.ids_are_new && self.ids.is_none() {
+            let ids = texture(gpu, "leaf ids", self.size_px, IDS_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC);
+            self.ids = Some((ids.clone(), view_of(&ids)));
+        }
     }
 
     pub fn write_uniform(&self, gpu: &Gpu, projection: &Projection) {

@@ -3,7 +3,7 @@
 use crate::frame::Times;
 
 /// Frames that are looked at before a judgement.
-const WINDOW: u32 = 6;
+const WINDOW: u32 = 3;
 /// Frames that it is left off after a first judgement, and at most: each further one doubles them.
 const FIRST_PAUSE: u32 = 48;
 const LONGEST_PAUSE: u32 = 768;

@@ -71,7 +71,7 @@ impl<'a> Contest<'a> {
         let frustum = Way { mode: Mode::Frustum, adaptive: None };
         let contestants = std::iter::once(frustum).chain(ways.iter().copied()).map(contestant).collect();
         let plain = drawn::upload(gpu, package, &targets, Attachments::Color)?;
-        let culled = drawn::upload(gpu, package, &targets, Attachments::ColorAndIds)?;
+        let culled = drawn::upload(gpu, package, &targets, Attachments::Color)?;
         Ok(Self { package, wall, plain, culled, contestants })
     }
 
