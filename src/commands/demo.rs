@@ -111,7 +111,7 @@ pub fn run(options: &Options) -> Result<()> {
     let package = Arc::new(open_scene(&scene, &options.how.options()?)?);
     let path = path.path(&package, &wall, Some(options.frames))?;
     let display = options.window.then(Display::open).transpose()?;
-    let gpu = Gpu::open(GpuOptions { display: display.as_ref().map(Display::handle) })?;
+    let gpu = Gpu::open(GpuOptions { display: display.as_ref().map(Display::handle), ..GpuOptions::default() })?;
     say!("{} tiles on {}", wall.tiles().len(), gpu.describe());
 
     let record = Record::new(&wall, &package);

@@ -131,7 +131,7 @@ pub fn run(options: &Options) -> Result<()> {
 /// The window has the main thread; the node runs beside it.
 fn run_in_window(options: &Options, node_options: NodeOptions, stop: &watch::Sender<bool>) -> Result<NodeReport> {
     let display = Display::open()?;
-    let gpu = Gpu::open(GpuOptions { display: Some(display.handle()) })?;
+    let gpu = Gpu::open(GpuOptions { display: Some(display.handle()), ..GpuOptions::default() })?;
     let feed = display.feed();
     let mut painter = GpuPainter::new(Arc::clone(&gpu), Output::OwnWindow(feed.clone())).culling(options.occlusion);
     let cover = if options.fullscreen { Cover::Screen } else { Cover::Window };

@@ -12,6 +12,8 @@ pub type DisplayHandle = Box<dyn wgpu::wgt::WgpuHasDisplayHandle>;
 pub struct GpuOptions {
     /// The display, where windows are wanted; not needed to draw without one.
     pub display: Option<DisplayHandle>,
+    /// Not to use what a GPU may lack: shaders that make promises about depth. For tests.
+    pub is_plain: bool,
 }
 
 /// Why the GPU does not do what it should.
@@ -98,7 +100,8 @@ impl Gpu {
         let (instance, adapters) = instance(options.display);
         let wanted = std::env::var("WGPU_ADAPTER_NAME").ok();
         let adapter = choose(adapters, wanted)?;
-        let (device, queue) = open_device(&adapter)?;
+        let optional = if options.is_plain { OPTIONAL - wgpu::Features::SHADER_EARLY_DEPTH_TEST } else { OPTIONAL };
+        let (device, queue) = open_device(&adapter, optional)?;
 
         let faults = Arc::new(Faults::default());
         let seen = Arc::clone(&faults);
@@ -186,13 +189,14 @@ fn rank(info: &wgpu::AdapterInfo) -> (u8, u8) {
     (device, u8::from(info.backend == wgpu::Backend::Gl))
 }
 
-fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
+/// What is made use of where a GPU has it.
+const OPTIONAL: wgpu::Features =
+    wgpu::Features::INDIRECT_FIRST_INSTANCE.union(wgpu::Features::SHADER_EARLY_DEPTH_TEST).union(wgpu::Features::TIMESTAMP_QUERY);
+
+fn open_device(adapter: &wgpu::Adapter, optional: wgpu::Features) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("mullion"),
-        required_features: adapter.features()
-            & (wgpu::Features::INDIRECT_FIRST_INSTANCE
-                | wgpu::Features::SHADER_EARLY_DEPTH_TEST
-                | wgpu::Features::TIMESTAMP_QUERY),
+        required_features: adapter.features() & optional,
         required_limits: adapter.limits(),
         ..Default::default()
     };

@@ -137,3 +137,23 @@ impl PyramidMaker {
         pass.dispatch_workgroups(workgroups, 1, 1);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_cover_odd_edges_up_to_one_texel() {
+        assert_eq!(levels([5, 3]), [[0, 3, 2], [6, 2, 1], [8, 1, 1]]);
+        assert_eq!(levels([1, 1]), [[0, 1, 1]]);
+        assert!(levels([65_536, 1]).len() <= MAX_LEVELS);
+        for size_px in [[143, 91], [650, 650], [1, 517], [8192, 3]] {
+            let mut below = size_px;
+            for [_, width, height] in levels(size_px) {
+                assert!([width, height].iter().zip(below).all(|(edge, below)| 2 * edge >= below && *edge <= below.div_ceil(2)));
+                below = [width, height];
+            }
+            assert_eq!(below, [1, 1]);
+        }
+    }
+}

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3};
 use mullion_client::frame::{FrameInput, FramePlan, PassResult, Planner, ViewInput};
-use mullion_client::gpu::{Gpu, Renderer};
+use mullion_client::gpu::{Gpu, GpuOptions, Renderer};
 use mullion_client::missing::WhenMissing;
 use mullion_client::occlusion::Occlusion;
 use mullion_common::scene::{AlphaMode, Material, ObjectId};
@@ -138,10 +138,9 @@ fn no_pixel_changes_along_a_path_while_objects_move() {
 }
 
 /// Objects move, faces coincide, boxes stand in for leaves, some of it is glass.
-fn assert_same_along_a_path(occlusion: Occlusion) {
-    let Some(gpu) = gpu() else { return };
+fn assert_same_along_a_path(gpu: &Arc<Gpu>, occlusion: Occlusion) {
     let scene = rooms();
-    let (mut plain, mut culled) = both(&gpu, &scene);
+    let (mut plain, mut culled) = both(gpu, &scene);
     let (mut all, mut some) = (Planner::new(), Planner::new().culling(occlusion));
     let mut numbers = Numbers(11);
     let mut at = (DVec3::ZERO, DQuat::IDENTITY);
@@ -165,13 +164,59 @@ fn assert_same_along_a_path(occlusion: Occlusion) {
 
 #[test]
 fn no_pixel_changes_front_to_back() {
-    assert_same_along_a_path(Occlusion::Paper);
-    assert_same_along_a_path(Occlusion::CostAdaptive);
+    let Some(gpu) = gpu() else { return };
+    assert_same_along_a_path(&gpu, Occlusion::Paper);
+    assert_same_along_a_path(&gpu, Occlusion::CostAdaptive);
 }
 
 #[test]
 fn no_pixel_changes_with_queries() {
-    assert_same_along_a_path(Occlusion::Query);
+    let Some(gpu) = gpu() else { return };
+    assert_same_along_a_path(&gpu, Occlusion::Query);
+}
+
+#[test]
+fn no_pixel_changes_where_no_depth_test_can_be_forced_to_come_first() {
+    let Ok(gpu) = Gpu::open(GpuOptions { is_plain: true, ..GpuOptions::default() }) else { return };
+    assert_same_along_a_path(&gpu, Occlusion::Hiz);
+    assert_same_along_a_path(&gpu, Occlusion::Paper);
+    assert_same_along_a_path(&gpu, Occlusion::Query);
+}
+
+/// Draws a frame in which nothing moves; gives its leaves, and how many bounds were asked for.
+fn draw_still(planner: &mut Planner, renderer: &mut Renderer, (scene, look): (&Scene, &Look)) -> (u32, usize) {
+    let (visible, missing) = (scene.all(), VisibleSet::default());
+    let views = [ViewInput { view: ViewId(4), projection: look.projection(), visible: &visible, missing: &missing }];
+    let mut input = input(renderer, scene, look, &views, &|_| true);
+    input.has_changed = false;
+    let (mut leaves, mut asked) = (0, 0);
+    let mut round = Some(planner.begin(input).clone());
+    while let Some(plan) = round {
+        asked += plan.passes[0].bounds.len();
+        let results = renderer.draw(&plan).expect("drawn");
+        leaves += results.passes[0].leaves;
+        round = planner.feed(&results).cloned();
+    }
+    (leaves, asked)
+}
+
+#[test]
+fn at_rest_what_is_seen_is_not_asked_for_again_and_a_sampled_picture_becomes_exact() {
+    let Some(gpu) = gpu() else { return };
+    let scene = rooms();
+    let look = Look::ahead(DVec3::new(0.5, 0.5, 60.0), SIZE_PX);
+    let (mut plain, mut culled) = both(&gpu, &scene);
+    draw_with(&mut Planner::new(), &mut plain, (&scene, &look, &scene.all(), &VisibleSet::default()), |_| {});
+    for occlusion in [Occlusion::Paper, Occlusion::Query, Occlusion::Sampled] {
+        let mut planner = Planner::new().culling(occlusion);
+        let frames: Vec<(u32, usize)> = (0..11).map(|_| draw_still(&mut planner, &mut culled, (&scene, &look))).collect();
+        println!("{occlusion}: leaves drawn, bounds asked for: {frames:?}");
+        assert_same(&plain, &culled, &format!("{occlusion} at rest"));
+        assert!(frames[10].1 < frames[0].1, "{occlusion}: {frames:?}");
+        if occlusion == Occlusion::Sampled {
+            assert!(frames.is_sorted_by_key(|(leaves, _)| *leaves) && frames[0].0 < frames[10].0, "{frames:?}");
+        }
+    }
 }
 
 #[test]
