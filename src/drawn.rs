@@ -36,6 +36,8 @@ pub struct Drawn {
     pub seen: Option<VisibleSet>,
     /// How long the GPU was drawing, where it has a clock and something was tested.
     pub draw_us: Option<f64>,
+    /// And how long it was testing.
+    pub test_us: f64,
 }
 
 /// Draws a frame of one view into a target, all its rounds.
@@ -85,6 +87,7 @@ impl Drawn {
         self.triangles += result.triangles;
         if let Some(times) = result.times {
             *self.draw_us.get_or_insert_default() += times.draw_us;
+            self.test_us += times.test_us;
         }
     }
 }

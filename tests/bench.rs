@@ -212,3 +212,41 @@ fn a_picture_that_has_nowhere_to_go_ends_the_work_before_it_begins() {
         }
     }
 }
+
+#[test]
+fn ways_to_cull_what_is_hidden_are_held_against_frustum_culling() {
+    if !support::has_gpu() {
+        return;
+    }
+    let folder = TempDir::new().expect("a folder");
+    let plots = folder.path().join("plots");
+    let (json, shown) = (folder.path().join("figures.json"), plots.display().to_string());
+    let json_shown = json.display().to_string();
+    let scene = ["--scene", "boxes:500", "--path", "interior", "--size", "96x80", "--frames", "4"];
+    let rest = ["--threshold", "0,0.05", "--json", &json_shown, "--plots", &shown];
+    let out = done(&[&["bench", "occlusion"], &scene[..], &rest[..]].concat());
+    let figures: Value = serde_json::from_slice(&fs::read(&json).expect("figures")).expect("JSON");
+    let rows = figures["tables"][0]["rows"].as_array().expect("rows");
+    let value = |mode: &str, key: &str| {
+        let row = rows.iter().find(|row| row["mode"] == mode).unwrap_or_else(|| panic!("{mode} in {out}"));
+        row[key].as_f64().unwrap_or_else(|| panic!("{mode}: {key}"))
+    };
+    for mode in ["perfect", "paper", "cost-adaptive", "query", "hiz"] {
+        assert_eq!(value(mode, "wrong_pixels"), 0.0, "{mode}: {out}");
+    }
+    for mode in ["paper", "query", "hiz"] {
+        assert!(value(mode, "culled_percent") > value("frustum", "culled_percent"), "{mode}: {out}");
+        assert!(value(mode, "culled_percent") <= value("perfect", "culled_percent"), "{mode}: {out}");
+        assert!(value(mode, "tests") > 0.0, "{mode}: {out}");
+    }
+    // What contributes nothing is hidden; more goes, and shows, the more may.
+    assert_eq!(value("adaptive 0", "wrong_pixels"), 0.0, "{out}");
+    assert!(value("adaptive 0.05", "wrong_pixels") > 0.0, "{out}");
+    assert!(value("adaptive 0.05", "culled_percent") > value("adaptive 0", "culled_percent"), "{out}");
+    for figure in ["frame-rate", "culled", "threshold"] {
+        let file = plots.join(format!("boxes-500-{figure}.svg"));
+        assert!(fs::read_to_string(&file).expect("a figure").contains("<svg"), "{}", file.display());
+    }
+    let refused = mullion(&["bench", "occlusion", "--mode", "hizz"], LIMIT);
+    assert!(refused.code != Some(0) && refused.err.contains("hiz"), "{}", refused.err);
+}

@@ -45,6 +45,7 @@ struct Contestant {
 struct Sums {
     frame_ms: Vec<f64>,
     draw_ms: Option<f64>,
+    test_ms: f64,
     drawn: Vec<u64>,
     tests: u64,
     hidden_culled: u64,
@@ -115,9 +116,10 @@ impl<'a> Contest<'a> {
             }
         }
         let triangles = triangles(&all, leaves);
+        let pixels = self.wall.tiles()[0].size_px.iter().map(|edge| u64::from(*edge)).product();
         let frustum_triangles: u64 = self.contestants[0].sums.drawn.iter().sum();
         let frustum_ms: f64 = self.contestants[0].sums.frame_ms.iter().sum();
-        let rows = self.contestants.iter().map(|c| c.row(triangles, frustum_ms, cull_ms, box_hidden)).collect();
+        let rows = self.contestants.iter().map(|c| c.row((triangles, pixels), frustum_ms, cull_ms, box_hidden)).collect();
         Ok(Table {
             scene,
             path: path_name,
@@ -155,6 +157,7 @@ impl<'a> Contest<'a> {
         if let Some(draw_us) = drawn.draw_us {
             *sums.draw_ms.get_or_insert_default() += draw_us / 1e3;
         }
+        sums.test_ms += drawn.test_us / 1e3;
         sums.drawn.push(drawn.triangles);
         sums.tests += u64::from(drawn.tests);
         sums.hidden_culled += u64::from(kept.len());
@@ -199,13 +202,13 @@ fn percent(part: u64, whole: u64) -> f64 {
 }
 
 impl Contestant {
-    fn row(&self, triangles: u64, frustum_ms: f64, cull_ms: f64, box_hidden: u64) -> Row {
+    fn row(&self, (triangles, pixels): (u64, u64), frustum_ms: f64, cull_ms: f64, box_hidden: u64) -> Row {
         let Self { way, sums, .. } = self;
         let all_ms: f64 = sums.frame_ms.iter().sum();
         let frames = sums.frame_ms.len() as u64;
         let shares_percent = sums.draw_ms.map(|draw_ms| {
             let share = |ms: f64| 100.0 * ms / (all_ms + cull_ms);
-            [share(cull_ms), share(all_ms - draw_ms), share(draw_ms)]
+            [share(cull_ms), share(all_ms - draw_ms - sums.test_ms), share(sums.test_ms), share(draw_ms)]
         });
         let culled_percent = |drawn: u64| 100.0 - percent(drawn, triangles);
         Row {
@@ -218,6 +221,8 @@ impl Contestant {
             hidden_culled_percent: percent(sums.hidden_culled, box_hidden),
             false_visible_percent: percent(sums.false_visible, sums.drawn_leaves),
             wrong_pixels: sums.wrong_pixels,
+            wrong_percent: percent(sums.wrong_pixels, pixels * frames),
+            threshold: way.adaptive.map(|adaptive| adaptive.threshold),
             by_frame: sums.frame_ms.iter().zip(&sums.drawn).map(|(ms, drawn)| [1e3 / ms, culled_percent(*drawn)]).collect(),
         }
     }

@@ -1,15 +1,16 @@
-//! Figures 5, 7 and 9 (Bartz, Meißner, Hüttner 1999): frame rate and share culled, frame by frame.
+//! Figures 5, 7 and 9 (Bartz, Meißner, Hüttner 1999): frame rate and share culled, frame by frame; and what adaptive culling culls and costs
+//! at each threshold.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::table::Table;
+use super::table::{Row, Table};
 use crate::files::file_name;
 use crate::plot::{self, Frame, Scale, Series};
 
-/// Draws two figures of each table into a folder, which must be there; gives the files.
+/// Draws two figures of each table, and one of its thresholds, into a folder, which must be there; gives the files.
 ///
 /// # Errors
 /// When a file cannot be written.
@@ -28,6 +29,32 @@ pub fn draw(tables: &[Table], folder: &Path) -> Result<Vec<PathBuf>> {
             fs::write(&file, plot::lines(&frame, &series)?).with_context(|| format!("cannot write {}", file.display()))?;
             files.push(file);
         }
+        if let Some(figure) = by_threshold(table)? {
+            let file = folder.join(format!("{}-threshold.svg", file_name(&table.scene)));
+            fs::write(&file, figure).with_context(|| format!("cannot write {}", file.display()))?;
+            files.push(file);
+        }
     }
     Ok(files)
+}
+
+/// Share culled and wrong pixels against the threshold, where there are several.
+fn by_threshold(table: &Table) -> Result<Option<String>> {
+    let rows: Vec<(&Row, f64)> = table.rows.iter().filter_map(|row| Some((row, row.threshold?))).collect();
+    if rows.len() < 2 {
+        return Ok(None);
+    }
+    let frame = Frame {
+        title: &format!("{}: what contributes less than a threshold is left out", table.scene),
+        x_title: "threshold, share of the view plane",
+        y_title: "%",
+        y_scale: Scale::Log,
+    };
+    let groups: Vec<String> = rows.iter().map(|(_, threshold)| threshold.to_string()).collect();
+    let series = |name: &str, value: fn(&Row) -> f64| Series {
+        name: name.to_owned(),
+        values: rows.iter().map(|(row, _)| value(row)).collect(),
+    };
+    let series = [series("model culled", |row| row.culled_percent), series("wrong pixels", |row| row.wrong_percent)];
+    Ok(Some(plot::bars(&frame, &groups, &series)?))
 }

@@ -31,8 +31,8 @@ pub struct Row {
     pub frame_ms: Spread,
     /// All frames with frustum culling alone, over all frames with this.
     pub speed_up: f64,
-    /// Of a frame's time: culling to the frustum, drawing as the GPU's clock has it, and all else, which is occlusion culling.
-    pub shares_percent: Option<[f64; 3]>,
+    /// Of a frame's time: culling to the frustum, and by the GPU's clock testing and drawing; between them all else, which is planning and waiting.
+    pub shares_percent: Option<[f64; 4]>,
     /// Bounds that were tested, in a frame.
     pub tests: f64,
     /// Of the leaves whose whole box is hidden in the final picture, those that were left out.
@@ -41,6 +41,10 @@ pub struct Row {
     pub false_visible_percent: f64,
     /// In all frames together.
     pub wrong_pixels: u64,
+    /// Of all pixels.
+    pub wrong_percent: f64,
+    /// Of adaptive culling.
+    pub threshold: Option<f64>,
     /// Frame by frame: frames a second, and the share culled.
     pub by_frame: Vec<[f64; 2]>,
 }
@@ -56,13 +60,13 @@ impl Table {
         );
         say!("{:.1} % a hidden box", self.box_hidden_percent);
         say!(
-            "{:16} {:>8} {:>10} {:>9} {:>8} {:>23} {:>8} {:>12} {:>13} {:>7}",
+            "{:16} {:>8} {:>10} {:>9} {:>8} {:>29} {:>8} {:>12} {:>13} {:>7}",
             "",
             "culled",
             "median ms",
             "p99 ms",
             "speed-up",
-            "frustum/occlusion/draw",
+            "frustum/plan/test/draw",
             "tests",
             "boxes culled",
             "false visible",
@@ -75,11 +79,12 @@ impl Table {
 
 impl Row {
     fn print(&self) {
-        let shares = self
-            .shares_percent
-            .map_or_else(|| "—".to_owned(), |[frustum, occlusion, draw]| format!("{frustum:.1} / {occlusion:.1} / {draw:.1} %"));
+        let shares = self.shares_percent.map_or_else(
+            || "—".to_owned(),
+            |[frustum, plan, test, draw]| format!("{frustum:.1} / {plan:.1} / {test:.1} / {draw:.1} %"),
+        );
         say!(
-            "{:16} {:7.2}% {:10.2} {:9.2} {:8.2} {shares:>23} {:8.0} {:11.2}% {:12.2}% {:7}",
+            "{:16} {:7.2}% {:10.2} {:9.2} {:8.2} {shares:>29} {:8.0} {:11.2}% {:12.2}% {:7}",
             self.mode,
             self.culled_percent,
             self.frame_ms.median,
