@@ -182,7 +182,9 @@ impl Planner {
         self.frames = self.frames.wrapping_add(1);
         for view in input.views {
             let mut pass = self.plan_pass(&input, view);
-            if self.occlusion != Occlusion::Off {
+            if self.occlusion == Occlusion::Off {
+                pass.first = None;
+            } else {
                 let at = self.culled.iter().position(|culled| culled.view() == view.view).unwrap_or_else(|| {
                     self.culled.push(CulledView::new(view.view, self.occlusion, (self.leaves_off, self.adaptive)));
                     self.culled.len() - 1
@@ -216,7 +218,6 @@ impl Planner {
         pass.opaque.clear();
         pass.bounds.clear();
         pass.footprints.clear();
-        pass.first = None;
         pass.blended.clear();
         pass.boxes.clear();
         self.keyed.clear();

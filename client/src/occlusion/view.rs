@@ -87,13 +87,14 @@ impl CulledView {
     /// Turns a pass that draws all into one that begins with less.
     pub fn begin(&mut self, input: &FrameInput<'_>, pass: &mut PassPlan, frame: u32) {
         self.look(input.has_changed, pass);
+        let first = pass.first.take();
         match &mut self.state {
             State::Turns { seen, worth } => {
                 if worth.as_mut().is_some_and(|worth| !worth.is_on()) {
                     *seen = None;
                     return;
                 }
-                let mut first = VisibleSet::default();
+                let mut first = first.unwrap_or_default();
                 // All at once in the first frame: what they hide is known in the next.
                 match seen {
                     Some(seen) => pass.opaque.intersection_into(seen, &mut first),
