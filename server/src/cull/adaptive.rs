@@ -1,11 +1,12 @@
 //! The paper's adaptive traversal of both hierarchies (section 4.2).
 
-use mullion_common::geometry::Containment;
+use glam::DVec3;
+use mullion_common::geometry::{BoxTerms, Containment, Frustum, Obb, Plane};
 use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::CullStats;
-use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode};
+use super::frustum_hierarchy::{FrustumHierarchy, Guards};
 use super::oh::{self, Open};
 
 /// Culls the object hierarchy to the frustum hierarchy.
@@ -72,22 +73,77 @@ pub(super) fn for_each_in_primary(
 /// Where something has come to in the frustum hierarchy, and what is known of it there.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Place {
-    /// Node of the frustum hierarchy.
+    /// Place in the frustum hierarchy's list of splits, or past its end.
     fh: u32,
-    /// Its depth.
-    depth: u8,
-    /// Bit d: wholly on this side of the bisection plane of the ancestor at depth d.
-    parted: u32,
+    /// A bit for its depth.
+    depth_bit: u32,
+    /// What is settled: see [`Guards::settled`].
+    settled: u64,
 }
+
+impl Place {
+    /// The root, for a node of which `primary_cut` has the planes of the primary frustum that cut it.
+    #[inline]
+    pub(super) fn at_root(primary_cut: u8) -> Self {
+        Self { fh: 0, depth_bit: 1, settled: Guards::settled(primary_cut, 0) }
+    }
+
+    /// The child `fh`, on whose side of the plane not all of the box is.
+    #[inline]
+    fn cut(self, fh: u32) -> Self {
+        Self { fh, depth_bit: self.depth_bit << 1, ..self }
+    }
+
+    /// The child `fh`, on whose side of the plane the box wholly is.
+    #[inline]
+    fn parted(self, fh: u32) -> Self {
+        Self { settled: self.settled | u64::from(self.depth_bit), ..self.cut(fh) }
+    }
+}
+
+/// Most places that a leaf puts off: one at each depth.
+const MAX_HALVES: usize = 32;
 
 /// What a traversal needs, kept from frame to frame.
 #[derive(Debug, Default)]
 pub(super) struct Memory {
-    /// The ancestors that bisection planes cut: where each one's subtree ends, and where its children start.
+    /// The ancestors that bisection planes cut, without the last: where each one's subtree ends, and where its children
+    /// start.
     unfolded: Vec<(u32, Place)>,
     /// Where a leaf still has to go.
-    halves: Vec<Place>,
+    halves: [Place; MAX_HALVES],
     descent: Vec<Open>,
+}
+
+/// A box that goes down the frustum hierarchy, made ready for its planes.
+struct Probe {
+    terms: BoxTerms,
+    /// To the eye, where there is but one.
+    reach_m: Option<f64>,
+}
+
+impl Probe {
+    #[inline]
+    fn new(bound: &Obb, one_eye: Option<DVec3>) -> Self {
+        let terms = BoxTerms::new(bound);
+        Self { terms, reach_m: one_eye.map(|eye| terms.reach_m(eye)) }
+    }
+
+    #[inline]
+    fn classify(&self, plane: &Plane, eye: DVec3) -> Containment {
+        plane.classify_terms(&self.terms, self.reach_m.unwrap_or_else(|| self.terms.reach_m(eye)))
+    }
+
+    /// Whether it is outside none of the frustum's planes of `mask`.
+    #[inline]
+    fn meets(&self, frustum: &Frustum, mask: u8, stats: &mut CullStats) -> bool {
+        stats.nodes_visited += 1;
+        let mut planes = frustum.planes.iter().enumerate().filter(|(k, _)| mask & (1 << k) != 0);
+        planes.all(|(_, plane)| {
+            stats.plane_tests += 1;
+            self.classify(plane, frustum.eye) != Containment::Outside
+        })
+    }
 }
 
 /// Both hierarchies, and where what is found goes.
@@ -102,67 +158,102 @@ impl Traversal<'_> {
     /// Takes one node of the object hierarchy, of which `primary_cut` has the planes of the primary frustum that cut it, and
     /// all below it through both hierarchies: depth first, as nodes stand in memory.
     fn walk(&mut self, node: u32, primary_cut: u8, stats: &mut CullStats) {
-        let nodes = self.hierarchy.nodes();
-        let end = nodes[node as usize].subtree_end;
+        let hierarchy = self.hierarchy;
+        let nodes = hierarchy.nodes();
+        let root = (nodes[node as usize].subtree_end, Place::at_root(primary_cut));
+        let (mut subtree_end, mut place) = root;
         let mut at = node;
         self.memory.unfolded.clear();
-        while at < end {
-            while self.memory.unfolded.last().is_some_and(|(subtree_end, _)| *subtree_end <= at) {
-                self.memory.unfolded.pop();
+        while at < root.0 {
+            while subtree_end <= at {
+                (subtree_end, place) = self.memory.unfolded.pop().unwrap_or(root);
             }
-            let place = self.memory.unfolded.last().map_or_else(Place::default, |(_, place)| *place);
-            let subtree_end = nodes[at as usize].subtree_end;
-            match self.meet(at, primary_cut, place, stats) {
-                None => at = subtree_end,
-                Some(place) => {
-                    self.memory.unfolded.push((subtree_end, place));
-                    at += 1;
-                }
+            let end = nodes[at as usize].subtree_end;
+            if end == at + 1 {
+                self.meet_leaf(at, place, stats);
+                at = end;
+            } else if let Some(cut_at) = self.meet_node(at, place, stats) {
+                self.memory.unfolded.push((subtree_end, place));
+                (subtree_end, place) = (end, cut_at);
+                at += 1;
+            } else {
+                at = end;
             }
         }
     }
 
-    /// Takes a node down the frustum hierarchy from `place`. Returns where its children have to go on, if a plane cuts it.
+    /// Takes a node with children down the frustum hierarchy from `place`, for as long as no plane cuts it. Returns where its
+    /// children have to go on, if one does.
     #[inline]
-    pub(super) fn meet(&mut self, node: u32, primary_cut: u8, mut place: Place, stats: &mut CullStats) -> Option<Place> {
-        let current = &self.hierarchy.nodes()[node as usize];
-        let is_leaf = current.subtree_end == node + 1;
-        self.memory.halves.clear();
+    fn meet_node(&mut self, node: u32, mut place: Place, stats: &mut CullStats) -> Option<Place> {
+        let frusta = self.frusta;
+        let splits = frusta.splits();
+        let probe = Probe::new(&self.hierarchy.nodes()[node as usize].bound, frusta.one_eye());
+        while let Some(split) = splits.get(place.fh as usize) {
+            stats.nodes_visited += 1;
+            stats.plane_tests += 1;
+            place = match probe.classify(&split.plane, split.eye) {
+                Containment::Cut => return Some(place),
+                Containment::Outside => place.parted(split.children[0]),
+                Containment::Inside => place.parted(split.children[1]),
+            };
+        }
+        self.check_node(node, place, stats);
+        None
+    }
+
+    /// Takes a leaf down the frustum hierarchy from `place`: to both sides of planes that cut it.
+    #[inline]
+    pub(super) fn meet_leaf(&mut self, node: u32, mut place: Place, stats: &mut CullStats) {
+        let frusta = self.frusta;
+        let splits = frusta.splits();
+        let leaf = &self.hierarchy.nodes()[node as usize];
+        let probe = Probe::new(&leaf.bound, frusta.one_eye());
+        let mut halves = 0;
         loop {
-            // Where no plane cuts the node, the frustum hierarchy alone goes on.
-            while let FrustumNode::Split { negative, positive, .. } = *self.frusta.node(place.fh) {
-                let (plane, eye) = self.frusta.bisection(place.fh);
+            while let Some(split) = splits.get(place.fh as usize) {
                 stats.nodes_visited += 1;
                 stats.plane_tests += 1;
-                let depth = place.depth + 1;
-                match plane.classify(&current.bound, *eye) {
-                    Containment::Cut if !is_leaf => return Some(place),
+                let [negative, positive] = split.children;
+                // A choice that is guessed, not looked up: what comes next does not wait for this test.
+                place = match probe.classify(&split.plane, split.eye) {
+                    Containment::Outside => place.parted(negative),
+                    Containment::Inside => place.parted(positive),
                     Containment::Cut => {
-                        self.memory.halves.push(Place { fh: positive, depth, ..place });
-                        place = Place { fh: negative, depth, ..place };
+                        self.memory.halves[halves % MAX_HALVES] = place.cut(positive);
+                        halves += 1;
+                        place.cut(negative)
                     }
-                    // A choice that is guessed, not looked up: what comes next does not wait for this test.
-                    side => {
-                        let fh = if side == Containment::Inside { positive } else { negative };
-                        place = Place { fh, depth, parted: place.parted | (1 << place.depth) };
-                    }
-                }
+                };
             }
-            self.check(node, primary_cut, place, stats);
-            place = self.memory.halves.pop()?;
+            self.check_leaf(leaf.leaves, &probe, place, stats);
+            if halves == 0 {
+                return;
+            }
+            halves -= 1;
+            place = self.memory.halves[halves % MAX_HALVES];
         }
     }
 
-    /// The terminal check: emits what the cells of a place may see of a node, tested against the planes that nothing on the
-    /// way has settled.
-    fn check(&mut self, node: u32, primary_cut: u8, place: Place, stats: &mut CullStats) {
+    /// The terminal check of a leaf: emits it to the cells of a place that may see it, tested against the planes that nothing
+    /// on the way has settled.
+    #[inline]
+    fn check_leaf(&mut self, leaf: LeafRange, probe: &Probe, place: Place, stats: &mut CullStats) {
+        for (cell, guards) in self.frusta.cells_at(place.fh) {
+            let mask = guards.untested(place.settled);
+            if mask == 0 || probe.meets(&self.frusta.cells()[usize::from(cell)], mask, stats) {
+                emit(self.sets, self.frusta.views_through(cell), leaf);
+            }
+        }
+    }
+
+    /// The terminal check of a node with children: the object hierarchy alone goes on.
+    #[inline]
+    fn check_node(&mut self, node: u32, place: Place, stats: &mut CullStats) {
         let Self { hierarchy, frusta, memory, sets } = self;
-        let FrustumNode::Cells { start, end } = *frusta.node(place.fh) else {
-            return;
-        };
-        for (cell, guards) in frusta.cells_of(start, end) {
+        for (cell, guards) in frusta.cells_at(place.fh) {
             let views = frusta.views_through(cell);
-            match guards.untested(primary_cut, place.parted) {
+            match guards.untested(place.settled) {
                 0 => emit(sets, views, hierarchy.nodes()[node as usize].leaves),
                 mask => {
                     let frustum = &frusta.cells()[usize::from(cell)];
@@ -175,8 +266,15 @@ impl Traversal<'_> {
 }
 
 /// Adds leaves to the sets of all `views`.
+#[inline]
 pub(super) fn emit(sets: &mut [VisibleSet], views: &[u16], leaves: LeafRange) {
     for view in views {
-        sets[usize::from(*view)].push_unordered(leaves);
+        let set = &mut sets[usize::from(*view)];
+        // Nearly all come in order, which costs less to add.
+        if set.ranges().last().is_none_or(|last| leaves.start >= last.start) {
+            set.push(leaves);
+        } else {
+            set.push_unordered(leaves);
+        }
     }
 }

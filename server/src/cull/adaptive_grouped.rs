@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::CullStats;
 use super::adaptive::{emit, for_each_in_primary};
-use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode};
+use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guards};
 use super::oh::{self, Open};
 
 /// Fewer nodes on one side of a plane go on one by one: a group's box costs about as much as two tests.
@@ -115,7 +115,7 @@ impl Traversal<'_> {
         let Self { hierarchy, frusta, primary_cut, memory, sets, stats } = self;
         let Memory { groups, members, descent, .. } = memory;
         for (cell, guards) in frusta.cells_of(start, end) {
-            let mask = guards.untested(*primary_cut, meeting.parted);
+            let mask = guards.untested(Guards::settled(*primary_cut, meeting.parted));
             let frustum = &frusta.cells()[usize::from(cell)];
             let views = frusta.views_through(cell);
             let mut descend = |node, mask, stats: &mut CullStats| {
