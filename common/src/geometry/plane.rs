@@ -60,22 +60,38 @@ impl Plane {
         }
     }
 
-    /// The same as [`Plane::classify`], to the bit, for a box that meets many planes. `reach_m` is [`BoxTerms::reach_m`] of
+    /// What [`Plane::classify`] compares, to the bit, for a box that meets many planes. `reach_m` is [`BoxTerms::reach_m`] of
     /// the reference.
     #[inline]
-    pub fn classify_terms(&self, terms: &BoxTerms, reach_m: f64) -> Containment {
+    pub fn clearance(&self, terms: &BoxTerms, reach_m: f64) -> Clearance {
         let [center_m, x, y, z] = terms.along(self.normal);
-        let distance_m = center_m + self.offset_m;
         let radius_m = x.abs() + y.abs() + z.abs();
         let absolute_m = terms.absolute_m + self.offset_m.abs();
         let slack_m = (reach_m + radius_m) * RELATIVE_SLACK + absolute_m * ABSOLUTE_ROUNDING;
-        if distance_m + radius_m < -slack_m {
-            Containment::Outside
-        } else if distance_m - radius_m >= slack_m {
-            Containment::Inside
-        } else {
-            Containment::Cut
-        }
+        Clearance { distance_m: center_m + self.offset_m, radius_m, slack_m }
+    }
+}
+
+/// Where a box lies in relation to a plane, in numbers: whoever asks only for what it wants to know, and branches on it,
+/// has no third answer to sort out.
+#[derive(Clone, Copy, Debug)]
+pub struct Clearance {
+    distance_m: f64,
+    radius_m: f64,
+    slack_m: f64,
+}
+
+impl Clearance {
+    /// Whether it is [`Containment::Outside`].
+    #[inline]
+    pub fn is_outside(&self) -> bool {
+        self.distance_m + self.radius_m < -self.slack_m
+    }
+
+    /// Whether it is [`Containment::Inside`], given that it is not outside.
+    #[inline]
+    pub fn is_inside(&self) -> bool {
+        self.distance_m - self.radius_m >= self.slack_m
     }
 }
 
@@ -126,7 +142,7 @@ mod tests {
     proptest! {
         /// Boxes of all sizes, and planes that touch a corner or pass near by.
         #[test]
-        fn terms_classify_as_the_box_does(
+        fn clearance_tells_what_classify_does(
             center in vector(100.0),
             half_axes in [vector(5.0), vector(5.0), vector(0.5)],
             normal in vector(1.0),
@@ -139,8 +155,13 @@ mod tests {
             let plane = Plane::through(obb.corners()[corner] + normal * off_m, normal);
             let terms = BoxTerms::new(&obb);
             for plane in [plane, plane.flipped()] {
-                let classified = plane.classify_terms(&terms, terms.reach_m(reference));
-                prop_assert_eq!(classified, plane.classify(&obb, reference));
+                let clearance = plane.clearance(&terms, terms.reach_m(reference));
+                let containment = match (clearance.is_outside(), clearance.is_inside()) {
+                    (true, _) => Containment::Outside,
+                    (_, true) => Containment::Inside,
+                    _ => Containment::Cut,
+                };
+                prop_assert_eq!(containment, plane.classify(&obb, reference));
             }
         }
     }

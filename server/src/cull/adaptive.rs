@@ -1,12 +1,12 @@
 //! The paper's adaptive traversal of both hierarchies (section 4.2).
 
 use glam::DVec3;
-use mullion_common::geometry::{BoxTerms, Containment, Frustum, Obb, Plane};
+use mullion_common::geometry::{BoxTerms, Clearance, Frustum, Obb, Plane};
 use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::CullStats;
-use super::frustum_hierarchy::{FrustumHierarchy, Guards};
+use super::frustum_hierarchy::{FrustumHierarchy, Guards, Split};
 use super::oh::{self, Open};
 
 /// Culls the object hierarchy to the frustum hierarchy.
@@ -70,34 +70,26 @@ pub(super) fn for_each_in_primary(
     }
 }
 
-/// Where something has come to in the frustum hierarchy, and what is known of it there.
+/// Where something has come to in the frustum hierarchy, and what is known of it there. Small, so as to stay in registers.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Place {
-    /// Place in the frustum hierarchy's list of splits, or past its end.
+    /// Place in the frustum hierarchy's list of splits, or past its end. The root is 0.
     fh: u32,
-    /// A bit for its depth.
-    depth_bit: u32,
-    /// What is settled: see [`Guards::settled`].
-    settled: u64,
+    /// Bit k: wholly on this side of the bisection plane k steps up, the parent's being 0.
+    parted: u32,
 }
 
 impl Place {
-    /// The root, for a node of which `primary_cut` has the planes of the primary frustum that cut it.
-    #[inline]
-    pub(super) fn at_root(primary_cut: u8) -> Self {
-        Self { fh: 0, depth_bit: 1, settled: Guards::settled(primary_cut, 0) }
-    }
-
     /// The child `fh`, on whose side of the plane not all of the box is.
     #[inline]
     fn cut(self, fh: u32) -> Self {
-        Self { fh, depth_bit: self.depth_bit << 1, ..self }
+        Self { fh, parted: self.parted << 1 }
     }
 
     /// The child `fh`, on whose side of the plane the box wholly is.
     #[inline]
     fn parted(self, fh: u32) -> Self {
-        Self { settled: self.settled | u64::from(self.depth_bit), ..self.cut(fh) }
+        Self { fh, parted: (self.parted << 1) | 1 }
     }
 }
 
@@ -130,8 +122,34 @@ impl Probe {
     }
 
     #[inline]
-    fn classify(&self, plane: &Plane, eye: DVec3) -> Containment {
-        plane.classify_terms(&self.terms, self.reach_m.unwrap_or_else(|| self.terms.reach_m(eye)))
+    fn clearance(&self, plane: &Plane, eye: DVec3) -> Clearance {
+        plane.clearance(&self.terms, self.reach_m.unwrap_or_else(|| self.terms.reach_m(eye)))
+    }
+
+    /// Takes it down the frustum hierarchy from `place` for as long as planes miss it. Returns where it has come to and, where a
+    /// plane cuts it there, the two halves.
+    #[inline(always)]
+    fn part(&self, splits: &[Split], mut place: Place, stats: &mut CullStats) -> (Place, Option<[u32; 2]>) {
+        // Counted here first, which stays out of memory.
+        let mut tests = 0;
+        let mut halves = None;
+        while let Some(split) = splits.get(place.fh as usize) {
+            tests += 1;
+            let [negative, positive] = split.children;
+            // Choices that are guessed, not looked up: what comes next does not wait for this test.
+            let clearance = self.clearance(&split.plane, split.eye);
+            if clearance.is_outside() {
+                place = place.parted(negative);
+            } else if clearance.is_inside() {
+                place = place.parted(positive);
+            } else {
+                halves = Some([negative, positive]);
+                break;
+            }
+        }
+        stats.nodes_visited += tests;
+        stats.plane_tests += tests;
+        (place, halves)
     }
 
     /// Whether it is outside none of the frustum's planes of `mask`.
@@ -141,7 +159,7 @@ impl Probe {
         let mut planes = frustum.planes.iter().enumerate().filter(|(k, _)| mask & (1 << k) != 0);
         planes.all(|(_, plane)| {
             stats.plane_tests += 1;
-            self.classify(plane, frustum.eye) != Containment::Outside
+            !self.clearance(plane, frustum.eye).is_outside()
         })
     }
 }
@@ -160,7 +178,7 @@ impl Traversal<'_> {
     fn walk(&mut self, node: u32, primary_cut: u8, stats: &mut CullStats) {
         let hierarchy = self.hierarchy;
         let nodes = hierarchy.nodes();
-        let root = (nodes[node as usize].subtree_end, Place::at_root(primary_cut));
+        let root = (nodes[node as usize].subtree_end, Place::default());
         let (mut subtree_end, mut place) = root;
         let mut at = node;
         self.memory.unfolded.clear();
@@ -170,9 +188,9 @@ impl Traversal<'_> {
             }
             let end = nodes[at as usize].subtree_end;
             if end == at + 1 {
-                self.meet_leaf(at, place, stats);
+                self.meet_leaf(at, primary_cut, place, stats);
                 at = end;
-            } else if let Some(cut_at) = self.meet_node(at, place, stats) {
+            } else if let Some(cut_at) = self.meet_node(at, primary_cut, place, stats) {
                 self.memory.unfolded.push((subtree_end, place));
                 (subtree_end, place) = (end, cut_at);
                 at += 1;
@@ -185,62 +203,47 @@ impl Traversal<'_> {
     /// Takes a node with children down the frustum hierarchy from `place`, for as long as no plane cuts it. Returns where its
     /// children have to go on, if one does.
     #[inline]
-    fn meet_node(&mut self, node: u32, mut place: Place, stats: &mut CullStats) -> Option<Place> {
-        let frusta = self.frusta;
-        let splits = frusta.splits();
-        let probe = Probe::new(&self.hierarchy.nodes()[node as usize].bound, frusta.one_eye());
-        while let Some(split) = splits.get(place.fh as usize) {
-            stats.nodes_visited += 1;
-            stats.plane_tests += 1;
-            place = match probe.classify(&split.plane, split.eye) {
-                Containment::Cut => return Some(place),
-                Containment::Outside => place.parted(split.children[0]),
-                Containment::Inside => place.parted(split.children[1]),
-            };
+    fn meet_node(&mut self, node: u32, primary_cut: u8, place: Place, stats: &mut CullStats) -> Option<Place> {
+        let probe = Probe::new(&self.hierarchy.nodes()[node as usize].bound, self.frusta.one_eye());
+        let (place, halves) = probe.part(self.frusta.splits(), place, stats);
+        if halves.is_some() {
+            return Some(place);
         }
-        self.check_node(node, place, stats);
+        self.check_node(node, primary_cut, place, stats);
         None
     }
 
     /// Takes a leaf down the frustum hierarchy from `place`: to both sides of planes that cut it.
     #[inline]
-    pub(super) fn meet_leaf(&mut self, node: u32, mut place: Place, stats: &mut CullStats) {
-        let frusta = self.frusta;
-        let splits = frusta.splits();
+    pub(super) fn meet_leaf(&mut self, node: u32, primary_cut: u8, mut place: Place, stats: &mut CullStats) {
+        let splits = self.frusta.splits();
         let leaf = &self.hierarchy.nodes()[node as usize];
-        let probe = Probe::new(&leaf.bound, frusta.one_eye());
-        let mut halves = 0;
+        let probe = Probe::new(&leaf.bound, self.frusta.one_eye());
+        let mut put_off = 0;
         loop {
-            while let Some(split) = splits.get(place.fh as usize) {
-                stats.nodes_visited += 1;
-                stats.plane_tests += 1;
-                let [negative, positive] = split.children;
-                // A choice that is guessed, not looked up: what comes next does not wait for this test.
-                place = match probe.classify(&split.plane, split.eye) {
-                    Containment::Outside => place.parted(negative),
-                    Containment::Inside => place.parted(positive),
-                    Containment::Cut => {
-                        self.memory.halves[halves % MAX_HALVES] = place.cut(positive);
-                        halves += 1;
-                        place.cut(negative)
-                    }
-                };
+            let (cut_at, halves) = probe.part(splits, place, stats);
+            if let Some([negative, positive]) = halves {
+                self.memory.halves[put_off % MAX_HALVES] = cut_at.cut(positive);
+                put_off += 1;
+                place = cut_at.cut(negative);
+                continue;
             }
-            self.check_leaf(leaf.leaves, &probe, place, stats);
-            if halves == 0 {
+            self.check_leaf((leaf.leaves, &probe), primary_cut, cut_at, stats);
+            if put_off == 0 {
                 return;
             }
-            halves -= 1;
-            place = self.memory.halves[halves % MAX_HALVES];
+            put_off -= 1;
+            place = self.memory.halves[put_off % MAX_HALVES];
         }
     }
 
     /// The terminal check of a leaf: emits it to the cells of a place that may see it, tested against the planes that nothing
     /// on the way has settled.
     #[inline]
-    fn check_leaf(&mut self, leaf: LeafRange, probe: &Probe, place: Place, stats: &mut CullStats) {
+    fn check_leaf(&mut self, (leaf, probe): (LeafRange, &Probe), primary_cut: u8, place: Place, stats: &mut CullStats) {
+        let settled = Guards::settled(primary_cut, place.parted);
         for (cell, guards) in self.frusta.cells_at(place.fh) {
-            let mask = guards.untested(place.settled);
+            let mask = guards.untested(settled);
             if mask == 0 || probe.meets(&self.frusta.cells()[usize::from(cell)], mask, stats) {
                 emit(self.sets, self.frusta.views_through(cell), leaf);
             }
@@ -249,11 +252,12 @@ impl Traversal<'_> {
 
     /// The terminal check of a node with children: the object hierarchy alone goes on.
     #[inline]
-    fn check_node(&mut self, node: u32, place: Place, stats: &mut CullStats) {
+    fn check_node(&mut self, node: u32, primary_cut: u8, place: Place, stats: &mut CullStats) {
+        let settled = Guards::settled(primary_cut, place.parted);
         let Self { hierarchy, frusta, memory, sets } = self;
         for (cell, guards) in frusta.cells_at(place.fh) {
             let views = frusta.views_through(cell);
-            match guards.untested(place.settled) {
+            match guards.untested(settled) {
                 0 => emit(sets, views, hierarchy.nodes()[node as usize].leaves),
                 mask => {
                     let frustum = &frusta.cells()[usize::from(cell)];

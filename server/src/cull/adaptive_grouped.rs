@@ -75,9 +75,7 @@ struct Group {
 struct Meeting {
     party: Party,
     fh: u32,
-    /// Depth of the frustum hierarchy's node.
-    depth: u8,
-    /// Bit d: the party is wholly on this side of the bisection plane of the ancestor at depth d.
+    /// Bit k: the party is wholly on this side of the bisection plane k steps up in the frustum hierarchy, the parent's being 0.
     parted: u32,
     /// How many groups there were when this was put off: those made since are done with when its turn comes.
     groups: u32,
@@ -96,7 +94,7 @@ struct Traversal<'a> {
 impl Traversal<'_> {
     fn run(&mut self, node: u32) {
         self.memory.stack.clear();
-        self.memory.stack.push(Meeting { party: Party::Node(node), fh: 0, depth: 0, parted: 0, groups: 0 });
+        self.memory.stack.push(Meeting { party: Party::Node(node), fh: 0, parted: 0, groups: 0 });
         while let Some(meeting) = self.memory.stack.pop() {
             self.memory.groups.truncate(meeting.groups as usize);
             self.memory.members.truncate(self.memory.groups.last().map_or(0, |group| group.end as usize));
@@ -211,9 +209,9 @@ impl Traversal<'_> {
 
     /// Puts a party off until it meets a half of the frustum hierarchy, on one side of whose plane it `is_parted`.
     fn meet(&mut self, party: Party, above: &Meeting, fh: u32, is_parted: bool) {
-        let parted = above.parted | (u32::from(is_parted) << above.depth);
+        let parted = (above.parted << 1) | u32::from(is_parted);
         let groups = self.memory.groups.len() as u32;
-        self.memory.stack.push(Meeting { party, fh, depth: above.depth + 1, parted, groups });
+        self.memory.stack.push(Meeting { party, fh, parted, groups });
     }
 }
 

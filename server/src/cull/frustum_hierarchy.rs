@@ -73,7 +73,7 @@ pub enum Guard {
     None,
     /// The plane of the primary frustum with this index.
     Primary(u8),
-    /// The bisection plane of the ancestor at this depth, the root's being 0.
+    /// The bisection plane so many steps up, the parent's being 0.
     Split(u8),
 }
 
@@ -110,13 +110,13 @@ impl Guards {
         let of_side = guards.map(|guard| match guard {
             Guard::None => Self::NEVER,
             Guard::Primary(k) => Self::PRIMARY + k,
-            Guard::Split(depth) => depth,
+            Guard::Split(up) => up,
         });
         Self { all: of_side.iter().fold(0, |all, bit| all | (1 << bit)), of_side, cell }
     }
 
-    /// What tests on the way have settled. `primary_cut`: the primary planes that cut the node; `parted`, bit d: the node is
-    /// wholly on this side of the ancestor's plane at depth d.
+    /// What tests on the way have settled. `primary_cut`: the primary planes that cut the node; `parted`, bit k: the node is
+    /// wholly on this side of the plane k steps up, the parent's being 0.
     #[inline]
     pub fn settled(primary_cut: u8, parted: u32) -> u64 {
         u64::from(parted) | (u64::from(!primary_cut) << Self::PRIMARY)
@@ -365,7 +365,7 @@ impl FrustumHierarchy {
                     return Guard::Primary(k as u8);
                 }
                 let split = above.iter().position(|p| same_plane(p, plane));
-                split.map_or(Guard::None, |depth| Guard::Split(depth as u8))
+                split.map_or(Guard::None, |depth| Guard::Split((above.len() - 1 - depth) as u8))
             }),
         )
     }
