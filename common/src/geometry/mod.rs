@@ -10,7 +10,7 @@ mod plane;
 pub use aabb::Aabb;
 pub use frustum::{Frustum, FrustumSide};
 pub use obb::Obb;
-pub use plane::{ABSOLUTE_ROUNDING, Plane};
+pub use plane::{ABSOLUTE_ROUNDING, BoxTerms, Clearance, Plane};
 
 /// Where a volume lies in relation to another one, or to a plane's positive half-space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -59,4 +59,110 @@ impl Plane {
             Containment::Cut
         }
     }
+
+    /// What [`Plane::classify`] compares, to the bit, for a box that meets many planes. `reach_m` is [`BoxTerms::reach_m`] of
+    /// the reference.
+    #[inline]
+    pub fn clearance(&self, terms: &BoxTerms, reach_m: f64) -> Clearance {
+        let [center_m, x, y, z] = terms.along(self.normal);
+        let radius_m = x.abs() + y.abs() + z.abs();
+        let absolute_m = terms.absolute_m + self.offset_m.abs();
+        let slack_m = (reach_m + radius_m) * RELATIVE_SLACK + absolute_m * ABSOLUTE_ROUNDING;
+        Clearance { distance_m: center_m + self.offset_m, radius_m, slack_m }
+    }
+}
+
+/// Where a box lies in relation to a plane, in numbers: whoever asks only for what it wants to know, and branches on it,
+/// has no third answer to sort out.
+#[derive(Clone, Copy, Debug)]
+pub struct Clearance {
+    distance_m: f64,
+    radius_m: f64,
+    slack_m: f64,
+}
+
+impl Clearance {
+    /// Whether it is [`Containment::Outside`].
+    #[inline]
+    pub fn is_outside(&self) -> bool {
+        self.distance_m + self.radius_m < -self.slack_m
+    }
+
+    /// Whether it is [`Containment::Inside`], given that it is not outside.
+    #[inline]
+    pub fn is_inside(&self) -> bool {
+        self.distance_m - self.radius_m >= self.slack_m
+    }
+}
+
+/// A box as tests against one plane after another want it: turned so that its center and its half axes are multiplied by a
+/// normal side by side, with the sums made that are the same for all planes.
+#[derive(Clone, Copy, Debug)]
+pub struct BoxTerms {
+    /// X of the center, then of the half axes.
+    x: [f64; 4],
+    y: [f64; 4],
+    z: [f64; 4],
+    /// Sum of the center's absolute coordinates.
+    absolute_m: f64,
+}
+
+impl BoxTerms {
+    /// The terms of a box.
+    #[inline]
+    pub fn new(obb: &Obb) -> Self {
+        let [a, b, c] = obb.half_axes;
+        let all = [obb.center, a, b, c];
+        Self { x: all.map(|v| v.x), y: all.map(|v| v.y), z: all.map(|v| v.z), absolute_m: obb.center.abs().element_sum() }
+    }
+
+    /// Length of the way from `reference` to the center, along the axes of the world.
+    #[inline]
+    pub fn reach_m(&self, reference: DVec3) -> f64 {
+        let to_box = (DVec3::new(self.x[0], self.y[0], self.z[0]) - reference).abs();
+        to_box.x + to_box.y + to_box.z
+    }
+
+    /// The center and the half axes along `normal`.
+    #[inline]
+    fn along(&self, normal: DVec3) -> [f64; 4] {
+        std::array::from_fn(|k| self.x[k] * normal.x + self.y[k] * normal.y + self.z[k] * normal.z)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn vector(size_m: f64) -> impl Strategy<Value = DVec3> {
+        [-size_m..size_m, -size_m..size_m, -size_m..size_m].prop_map(DVec3::from)
+    }
+
+    proptest! {
+        /// Boxes of all sizes, and planes that touch a corner or pass near by.
+        #[test]
+        fn clearance_tells_what_classify_does(
+            center in vector(100.0),
+            half_axes in [vector(5.0), vector(5.0), vector(0.5)],
+            normal in vector(1.0),
+            reference in vector(200.0),
+            corner in 0..8usize,
+            off_m in prop_oneof![Just(0.0), -1e-4..1e-4, -9.0..9.0],
+        ) {
+            let obb = Obb { center, half_axes };
+            let normal = normal.normalize_or(DVec3::X);
+            let plane = Plane::through(obb.corners()[corner] + normal * off_m, normal);
+            let terms = BoxTerms::new(&obb);
+            for plane in [plane, plane.flipped()] {
+                let clearance = plane.clearance(&terms, terms.reach_m(reference));
+                let containment = match (clearance.is_outside(), clearance.is_inside()) {
+                    (true, _) => Containment::Outside,
+                    (_, true) => Containment::Inside,
+                    _ => Containment::Cut,
+                };
+                prop_assert_eq!(containment, plane.classify(&obb, reference));
+            }
+        }
+    }
 }

@@ -1,11 +1,12 @@
 //! The paper's adaptive traversal of both hierarchies (section 4.2).
 
-use mullion_common::geometry::Containment;
+use glam::DVec3;
+use mullion_common::geometry::{BoxTerms, Clearance, Frustum, Obb, Plane};
 use mullion_common::scene::ObjectHierarchy;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::CullStats;
-use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode};
+use super::frustum_hierarchy::{FrustumHierarchy, Guards, Split};
 use super::oh::{self, Open};
 
 /// Culls the object hierarchy to the frustum hierarchy.
@@ -69,25 +70,98 @@ pub(super) fn for_each_in_primary(
     }
 }
 
-/// Where something has come to in the frustum hierarchy, and what is known of it there.
+/// Where something has come to in the frustum hierarchy, and what is known of it there. Small, so as to stay in registers.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Place {
-    /// Node of the frustum hierarchy.
+    /// Place in the frustum hierarchy's list of splits, or past its end. The root is 0.
     fh: u32,
-    /// Its depth.
-    depth: u8,
-    /// Bit d: wholly on this side of the bisection plane of the ancestor at depth d.
+    /// Bit k: wholly on this side of the bisection plane k steps up, the parent's being 0.
     parted: u32,
 }
+
+impl Place {
+    /// The child `fh`, on whose side of the plane not all of the box is.
+    #[inline]
+    fn cut(self, fh: u32) -> Self {
+        Self { fh, parted: self.parted << 1 }
+    }
+
+    /// The child `fh`, on whose side of the plane the box wholly is.
+    #[inline]
+    fn parted(self, fh: u32) -> Self {
+        Self { fh, parted: (self.parted << 1) | 1 }
+    }
+}
+
+/// Most places that a leaf puts off: one at each depth.
+const MAX_HALVES: usize = 32;
 
 /// What a traversal needs, kept from frame to frame.
 #[derive(Debug, Default)]
 pub(super) struct Memory {
-    /// The ancestors that bisection planes cut: where each one's subtree ends, and where its children start.
+    /// The ancestors that bisection planes cut, without the last: where each one's subtree ends, and where its children
+    /// start.
     unfolded: Vec<(u32, Place)>,
     /// Where a leaf still has to go.
-    halves: Vec<Place>,
+    halves: [Place; MAX_HALVES],
     descent: Vec<Open>,
+}
+
+/// A box that goes down the frustum hierarchy, made ready for its planes.
+struct Probe {
+    terms: BoxTerms,
+    /// To the eye, where there is but one.
+    reach_m: Option<f64>,
+}
+
+impl Probe {
+    #[inline]
+    fn new(bound: &Obb, one_eye: Option<DVec3>) -> Self {
+        let terms = BoxTerms::new(bound);
+        Self { terms, reach_m: one_eye.map(|eye| terms.reach_m(eye)) }
+    }
+
+    #[inline]
+    fn clearance(&self, plane: &Plane, eye: DVec3) -> Clearance {
+        plane.clearance(&self.terms, self.reach_m.unwrap_or_else(|| self.terms.reach_m(eye)))
+    }
+
+    /// Takes it down the frustum hierarchy from `place` for as long as planes miss it. Returns where it has come to and, where a
+    /// plane cuts it there, the two halves.
+    #[inline(always)]
+    fn part(&self, splits: &[Split], mut place: Place, stats: &mut CullStats) -> (Place, Option<[u32; 2]>) {
+        // Counted here first, which stays out of memory.
+        let mut tests = 0;
+        let mut halves = None;
+        while let Some(split) = splits.get(place.fh as usize) {
+            tests += 1;
+            let [negative, positive] = split.children;
+            // Choices that are guessed, not looked up: what comes next does not wait for this test.
+            let clearance = self.clearance(&split.plane, split.eye);
+            if clearance.is_outside() {
+                place = place.parted(negative);
+            } else if clearance.is_inside() {
+                place = place.parted(positive);
+            } else {
+                halves = Some([negative, positive]);
+                break;
+            }
+        }
+        stats.nodes_visited += tests;
+        stats.plane_tests += tests;
+        (place, halves)
+    }
+
+    /// Whether it is outside none of the frustum's planes of `mask`.
+    #[inline]
+    fn meets(&self, frustum: &Frustum, mask: u8, stats: &mut CullStats) -> bool {
+        stats.nodes_visited += 1;
+        let mut planes = frustum.planes.iter().enumerate().filter(|(k, _)| mask & (1 << k) != 0);
+        planes.all(|(_, plane)| {
+            stats.plane_tests += 1;
+            !self.clearance(plane, frustum.eye).is_outside()
+        })
+    }
 }
 
 /// Both hierarchies, and where what is found goes.
@@ -102,67 +176,88 @@ impl Traversal<'_> {
     /// Takes one node of the object hierarchy, of which `primary_cut` has the planes of the primary frustum that cut it, and
     /// all below it through both hierarchies: depth first, as nodes stand in memory.
     fn walk(&mut self, node: u32, primary_cut: u8, stats: &mut CullStats) {
-        let nodes = self.hierarchy.nodes();
-        let end = nodes[node as usize].subtree_end;
+        let hierarchy = self.hierarchy;
+        let nodes = hierarchy.nodes();
+        let root = (nodes[node as usize].subtree_end, Place::default());
+        let (mut subtree_end, mut place) = root;
         let mut at = node;
         self.memory.unfolded.clear();
-        while at < end {
-            while self.memory.unfolded.last().is_some_and(|(subtree_end, _)| *subtree_end <= at) {
-                self.memory.unfolded.pop();
+        while at < root.0 {
+            while subtree_end <= at {
+                (subtree_end, place) = self.memory.unfolded.pop().unwrap_or(root);
             }
-            let place = self.memory.unfolded.last().map_or_else(Place::default, |(_, place)| *place);
-            let subtree_end = nodes[at as usize].subtree_end;
-            match self.meet(at, primary_cut, place, stats) {
-                None => at = subtree_end,
-                Some(place) => {
-                    self.memory.unfolded.push((subtree_end, place));
-                    at += 1;
-                }
+            let end = nodes[at as usize].subtree_end;
+            if end == at + 1 {
+                self.meet_leaf(at, primary_cut, place, stats);
+                at = end;
+            } else if let Some(cut_at) = self.meet_node(at, primary_cut, place, stats) {
+                self.memory.unfolded.push((subtree_end, place));
+                (subtree_end, place) = (end, cut_at);
+                at += 1;
+            } else {
+                at = end;
             }
         }
     }
 
-    /// Takes a node down the frustum hierarchy from `place`. Returns where its children have to go on, if a plane cuts it.
+    /// Takes a node with children down the frustum hierarchy from `place`, for as long as no plane cuts it. Returns where its
+    /// children have to go on, if one does.
     #[inline]
-    pub(super) fn meet(&mut self, node: u32, primary_cut: u8, mut place: Place, stats: &mut CullStats) -> Option<Place> {
-        let current = &self.hierarchy.nodes()[node as usize];
-        let is_leaf = current.subtree_end == node + 1;
-        self.memory.halves.clear();
+    fn meet_node(&mut self, node: u32, primary_cut: u8, place: Place, stats: &mut CullStats) -> Option<Place> {
+        let probe = Probe::new(&self.hierarchy.nodes()[node as usize].bound, self.frusta.one_eye());
+        let (place, halves) = probe.part(self.frusta.splits(), place, stats);
+        if halves.is_some() {
+            return Some(place);
+        }
+        self.check_node(node, primary_cut, place, stats);
+        None
+    }
+
+    /// Takes a leaf down the frustum hierarchy from `place`: to both sides of planes that cut it.
+    #[inline]
+    pub(super) fn meet_leaf(&mut self, node: u32, primary_cut: u8, mut place: Place, stats: &mut CullStats) {
+        let splits = self.frusta.splits();
+        let leaf = &self.hierarchy.nodes()[node as usize];
+        let probe = Probe::new(&leaf.bound, self.frusta.one_eye());
+        let mut put_off = 0;
         loop {
-            // Where no plane cuts the node, the frustum hierarchy alone goes on.
-            while let FrustumNode::Split { negative, positive, .. } = *self.frusta.node(place.fh) {
-                let (plane, eye) = self.frusta.bisection(place.fh);
-                stats.nodes_visited += 1;
-                stats.plane_tests += 1;
-                let depth = place.depth + 1;
-                match plane.classify(&current.bound, *eye) {
-                    Containment::Cut if !is_leaf => return Some(place),
-                    Containment::Cut => {
-                        self.memory.halves.push(Place { fh: positive, depth, ..place });
-                        place = Place { fh: negative, depth, ..place };
-                    }
-                    // A choice that is guessed, not looked up: what comes next does not wait for this test.
-                    side => {
-                        let fh = if side == Containment::Inside { positive } else { negative };
-                        place = Place { fh, depth, parted: place.parted | (1 << place.depth) };
-                    }
-                }
+            let (cut_at, halves) = probe.part(splits, place, stats);
+            if let Some([negative, positive]) = halves {
+                self.memory.halves[put_off % MAX_HALVES] = cut_at.cut(positive);
+                put_off += 1;
+                place = cut_at.cut(negative);
+                continue;
             }
-            self.check(node, primary_cut, place, stats);
-            place = self.memory.halves.pop()?;
+            self.check_leaf((leaf.leaves, &probe), primary_cut, cut_at, stats);
+            if put_off == 0 {
+                return;
+            }
+            put_off -= 1;
+            place = self.memory.halves[put_off % MAX_HALVES];
         }
     }
 
-    /// The terminal check: emits what the cells of a place may see of a node, tested against the planes that nothing on the
-    /// way has settled.
-    fn check(&mut self, node: u32, primary_cut: u8, place: Place, stats: &mut CullStats) {
+    /// The terminal check of a leaf: emits it to the cells of a place that may see it, tested against the planes that nothing
+    /// on the way has settled.
+    #[inline]
+    fn check_leaf(&mut self, (leaf, probe): (LeafRange, &Probe), primary_cut: u8, place: Place, stats: &mut CullStats) {
+        let settled = Guards::settled(primary_cut, place.parted);
+        for (cell, guards) in self.frusta.cells_at(place.fh) {
+            let mask = guards.untested(settled);
+            if mask == 0 || probe.meets(&self.frusta.cells()[usize::from(cell)], mask, stats) {
+                emit(self.sets, self.frusta.views_through(cell), leaf);
+            }
+        }
+    }
+
+    /// The terminal check of a node with children: the object hierarchy alone goes on.
+    #[inline]
+    fn check_node(&mut self, node: u32, primary_cut: u8, place: Place, stats: &mut CullStats) {
+        let settled = Guards::settled(primary_cut, place.parted);
         let Self { hierarchy, frusta, memory, sets } = self;
-        let FrustumNode::Cells { start, end } = *frusta.node(place.fh) else {
-            return;
-        };
-        for (cell, guards) in frusta.cells_of(start, end) {
+        for (cell, guards) in frusta.cells_at(place.fh) {
             let views = frusta.views_through(cell);
-            match guards.untested(primary_cut, place.parted) {
+            match guards.untested(settled) {
                 0 => emit(sets, views, hierarchy.nodes()[node as usize].leaves),
                 mask => {
                     let frustum = &frusta.cells()[usize::from(cell)];
@@ -175,8 +270,15 @@ impl Traversal<'_> {
 }
 
 /// Adds leaves to the sets of all `views`.
+#[inline]
 pub(super) fn emit(sets: &mut [VisibleSet], views: &[u16], leaves: LeafRange) {
     for view in views {
-        sets[usize::from(*view)].push_unordered(leaves);
+        let set = &mut sets[usize::from(*view)];
+        // Nearly all come in order, which costs less to add.
+        if set.ranges().last().is_none_or(|last| leaves.start >= last.start) {
+            set.push(leaves);
+        } else {
+            set.push_unordered(leaves);
+        }
     }
 }

@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::CullStats;
 use super::adaptive::{emit, for_each_in_primary};
-use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode};
+use super::frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guards};
 use super::oh::{self, Open};
 
 /// Fewer nodes on one side of a plane go on one by one: a group's box costs about as much as two tests.
@@ -75,9 +75,7 @@ struct Group {
 struct Meeting {
     party: Party,
     fh: u32,
-    /// Depth of the frustum hierarchy's node.
-    depth: u8,
-    /// Bit d: the party is wholly on this side of the bisection plane of the ancestor at depth d.
+    /// Bit k: the party is wholly on this side of the bisection plane k steps up in the frustum hierarchy, the parent's being 0.
     parted: u32,
     /// How many groups there were when this was put off: those made since are done with when its turn comes.
     groups: u32,
@@ -96,7 +94,7 @@ struct Traversal<'a> {
 impl Traversal<'_> {
     fn run(&mut self, node: u32) {
         self.memory.stack.clear();
-        self.memory.stack.push(Meeting { party: Party::Node(node), fh: 0, depth: 0, parted: 0, groups: 0 });
+        self.memory.stack.push(Meeting { party: Party::Node(node), fh: 0, parted: 0, groups: 0 });
         while let Some(meeting) = self.memory.stack.pop() {
             self.memory.groups.truncate(meeting.groups as usize);
             self.memory.members.truncate(self.memory.groups.last().map_or(0, |group| group.end as usize));
@@ -115,7 +113,7 @@ impl Traversal<'_> {
         let Self { hierarchy, frusta, primary_cut, memory, sets, stats } = self;
         let Memory { groups, members, descent, .. } = memory;
         for (cell, guards) in frusta.cells_of(start, end) {
-            let mask = guards.untested(*primary_cut, meeting.parted);
+            let mask = guards.untested(Guards::settled(*primary_cut, meeting.parted));
             let frustum = &frusta.cells()[usize::from(cell)];
             let views = frusta.views_through(cell);
             let mut descend = |node, mask, stats: &mut CullStats| {
@@ -211,9 +209,9 @@ impl Traversal<'_> {
 
     /// Puts a party off until it meets a half of the frustum hierarchy, on one side of whose plane it `is_parted`.
     fn meet(&mut self, party: Party, above: &Meeting, fh: u32, is_parted: bool) {
-        let parted = above.parted | (u32::from(is_parted) << above.depth);
+        let parted = (above.parted << 1) | u32::from(is_parted);
         let groups = self.memory.groups.len() as u32;
-        self.memory.stack.push(Meeting { party, fh, depth: above.depth + 1, parted, groups });
+        self.memory.stack.push(Meeting { party, fh, parted, groups });
     }
 }
 

@@ -21,7 +21,7 @@ pub(super) fn cull(
     for_each_in_primary(hierarchy, frusta, open, &mut stats, |node, cut, stats| {
         let end = nodes[node as usize].subtree_end;
         for leaf in (node..end).filter(|at| nodes[*at as usize].subtree_end == at + 1) {
-            traversal.meet(leaf, cut, Place::default(), stats);
+            traversal.meet_leaf(leaf, cut, Place::default(), stats);
         }
     });
     // Where views overlap, a view may have been reached on two ways.

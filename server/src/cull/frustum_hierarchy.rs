@@ -23,6 +23,16 @@ pub enum FrustumNode {
     Split { cell: u16, side: FrustumSide, negative: u32, positive: u32 },
 }
 
+impl FrustumNode {
+    /// Whose side its bisection plane is, if it has one.
+    fn bisection(&self) -> Option<(u16, FrustumSide)> {
+        match *self {
+            Self::Cells { .. } => None,
+            Self::Split { cell, side, .. } => Some((cell, side)),
+        }
+    }
+}
+
 /// The views of a wall as a tree. Built in room space, where it changes only when an eye moves; placed in the world each
 /// frame.
 pub struct FrustumHierarchy {
@@ -41,12 +51,16 @@ pub struct FrustumHierarchy {
     members: Vec<u16>,
     /// For each entry of `members` that stands below a `Cells` node, what has tested its cell's planes before.
     guards: Vec<Guards>,
+    /// The `Split` nodes in order, as a traversal meets them.
+    splits: Vec<Split>,
+    /// The `Cells` nodes in order: range in `guards`.
+    terminals: Vec<(u32, u32)>,
     /// Sides of cells' frusta that have all cells inside.
     primary_sides: Vec<(u16, FrustumSide)>,
     /// The same in the world, with the eye of each.
     primary: Vec<(Plane, DVec3)>,
-    /// Of each node, its bisection plane in the world with its eye; any plane for a node without one.
-    bisections: Vec<(Plane, DVec3)>,
+    /// The eye in the world, where all cells have one.
+    one_eye: Option<DVec3>,
     /// Memory of [`FrustumHierarchy::find_guards`].
     above: Vec<Plane>,
     builds: u64,
@@ -59,46 +73,63 @@ pub enum Guard {
     None,
     /// The plane of the primary frustum with this index.
     Primary(u8),
-    /// The bisection plane of the ancestor at this depth, the root's being 0.
+    /// The bisection plane so many steps up, the parent's being 0.
     Split(u8),
+}
+
+/// A [`FrustumNode::Split`] as a traversal meets it: in one line of the cache, its plane in the world and where to go on.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub struct Split {
+    /// The bisection plane.
+    pub plane: Plane,
+    /// Of the frustum whose side it is.
+    pub eye: DVec3,
+    /// The place in the list of splits of the negative half, and of the positive one. Past the list's end stand the
+    /// [`FrustumNode::Cells`]: to look a place up tells which it is.
+    pub children: [u32; 2],
 }
 
 /// What has tested the planes of a cell before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Guards {
-    /// By [`FrustumSide`].
-    of_side: [Guard; 5],
-    /// Whether each plane has a guard.
-    are_all_guarded: bool,
-    /// Bits of the splits and of the primary planes among them.
-    splits: u32,
-    primaries: u8,
+    /// All bits of `of_side`.
+    all: u64,
+    /// By [`FrustumSide`], which bit of [`Guards::settled`] tells that the plane needs no test.
+    of_side: [u8; 5],
+    cell: u16,
 }
 
 impl Guards {
-    fn of(of_side: [Guard; 5]) -> Self {
-        let bit = |guard: &Guard| if let Guard::Split(depth) = guard { 1u32 << depth } else { 0 };
-        let primary_bit = |guard: &Guard| if let Guard::Primary(k) = guard { 1u8 << k } else { 0 };
-        Self {
-            of_side,
-            are_all_guarded: !of_side.contains(&Guard::None),
-            splits: of_side.iter().map(bit).fold(0, |all, bit| all | bit),
-            primaries: of_side.iter().map(primary_bit).fold(0, |all, bit| all | bit),
-        }
+    /// Bit of the primary plane 0.
+    const PRIMARY: u8 = 32;
+    /// A bit that is never set.
+    const NEVER: u8 = 63;
+
+    fn of(cell: u16, guards: [Guard; 5]) -> Self {
+        let of_side = guards.map(|guard| match guard {
+            Guard::None => Self::NEVER,
+            Guard::Primary(k) => Self::PRIMARY + k,
+            Guard::Split(up) => up,
+        });
+        Self { all: of_side.iter().fold(0, |all, bit| all | (1 << bit)), of_side, cell }
     }
 
-    /// The planes that no test on the way has settled, a bit each. `primary_cut`: the primary planes that cut the node;
-    /// `parted`, bit d: the node is wholly on this side of the ancestor's plane at depth d.
-    pub fn untested(&self, primary_cut: u8, parted: u32) -> u8 {
-        if self.are_all_guarded && self.splits & !parted == 0 && self.primaries & primary_cut == 0 {
+    /// What tests on the way have settled. `primary_cut`: the primary planes that cut the node; `parted`, bit k: the node is
+    /// wholly on this side of the plane k steps up, the parent's being 0.
+    #[inline]
+    pub fn settled(primary_cut: u8, parted: u32) -> u64 {
+        u64::from(parted) | (u64::from(!primary_cut) << Self::PRIMARY)
+    }
+
+    /// The planes that no test on the way has settled, a bit each.
+    #[inline]
+    pub fn untested(&self, settled: u64) -> u8 {
+        if self.all & !settled == 0 {
             return 0;
         }
-        let is_untested = |guard: &Guard| match guard {
-            Guard::None => true,
-            Guard::Primary(k) => primary_cut & (1 << k) != 0,
-            Guard::Split(depth) => parted & (1 << depth) == 0,
-        };
-        (0..5).filter(|k| is_untested(&self.of_side[*k])).fold(0, |mask, k| mask | (1 << k))
+        let bit = |k: usize| (((!settled >> self.of_side[k]) & 1) as u8) << k;
+        bit(0) | bit(1) | bit(2) | bit(3) | bit(4)
     }
 }
 
@@ -124,9 +155,11 @@ impl FrustumHierarchy {
             below: Vec::new(),
             members: Vec::new(),
             guards: Vec::new(),
+            splits: Vec::new(),
+            terminals: Vec::new(),
             primary_sides: Vec::new(),
             primary: Vec::new(),
-            bisections: Vec::new(),
+            one_eye: None,
             above: Vec::new(),
             builds: 0,
         };
@@ -162,11 +195,10 @@ impl FrustumHierarchy {
         };
         self.primary.clear();
         self.primary.extend(self.primary_sides.iter().map(|side| placed(*side)));
-        self.bisections.clear();
-        self.bisections.extend(self.nodes.iter().map(|node| match *node {
-            FrustumNode::Split { cell, side, .. } => placed((cell, side)),
-            FrustumNode::Cells { .. } => (Plane { normal: DVec3::ZERO, offset_m: 0.0 }, DVec3::ZERO),
-        }));
+        for (split, side) in self.splits.iter_mut().zip(self.nodes.iter().filter_map(FrustumNode::bisection)) {
+            (split.plane, split.eye) = placed(side);
+        }
+        self.one_eye = cells.first().map(|first| first.eye).filter(|eye| cells.iter().all(|cell| cell.eye == *eye));
     }
 
     /// How often the tree was built: once, and again when an eye's movement invalidated it.
@@ -190,10 +222,11 @@ impl FrustumHierarchy {
     }
 
     /// The views that see all that a cell sees.
+    #[inline]
     pub fn views_through(&self, cell: u16) -> &[u16] {
         match &self.cells {
             Some(cells) => cells.views_through(cell),
-            None => &self.numbers[usize::from(cell)..=usize::from(cell)],
+            None => std::slice::from_ref(&self.numbers[usize::from(cell)]),
         }
     }
 
@@ -208,16 +241,28 @@ impl FrustumHierarchy {
         &self.nodes[id as usize]
     }
 
-    /// The bisection plane of a [`FrustumNode::Split`] in the world, with the eye of the frustum whose side it is.
+    /// The splits, the root's first, placed in the world.
     #[inline]
-    pub fn bisection(&self, id: u32) -> &(Plane, DVec3) {
-        &self.bisections[id as usize]
+    pub fn splits(&self) -> &[Split] {
+        &self.splits
+    }
+
+    /// The eye in the world, where all cells have one.
+    #[inline]
+    pub fn one_eye(&self) -> Option<DVec3> {
+        self.one_eye
     }
 
     /// The cells of a [`FrustumNode::Cells`], and for each of its planes (by [`FrustumSide`]) what tested it before.
     pub fn cells_of(&self, start: u32, end: u32) -> impl Iterator<Item = (u16, &Guards)> {
-        let range = start as usize..end as usize;
-        self.members[range.clone()].iter().copied().zip(&self.guards[range])
+        self.guards[start as usize..end as usize].iter().map(|guards| (guards.cell, guards))
+    }
+
+    /// The same at a place past the end of the list of splits.
+    #[inline]
+    pub fn cells_at(&self, place: u32) -> impl Iterator<Item = (u16, &Guards)> {
+        let (start, end) = self.terminals[place as usize - self.splits.len()];
+        self.cells_of(start, end)
     }
 
     fn build(&mut self) {
@@ -228,8 +273,30 @@ impl FrustumHierarchy {
         let all: Vec<u16> = (0..self.room_cells().len() as u16).collect();
         self.primary_sides = primary_sides(self.room_cells());
         self.build_node(&all, 0);
-        self.guards = vec![Guards::of([Guard::None; 5]); self.members.len()];
+        self.guards = self.members.iter().map(|cell| Guards::of(*cell, [Guard::None; 5])).collect();
         self.find_all_guards();
+        self.list_places();
+    }
+
+    /// Makes the lists of splits and of terminals. Planes come with [`FrustumHierarchy::place`].
+    fn list_places(&mut self) {
+        let split_count = self.nodes.iter().filter_map(FrustumNode::bisection).count() as u32;
+        let (mut splits, mut terminals) = (0..split_count, split_count..);
+        let is_split = |node: &FrustumNode| node.bisection().is_some();
+        let next = |node: &FrustumNode| if is_split(node) { splits.next() } else { terminals.next() };
+        let places: Vec<u32> = self.nodes.iter().filter_map(next).collect();
+        self.splits.clear();
+        self.terminals.clear();
+        for node in &self.nodes {
+            match *node {
+                FrustumNode::Cells { start, end } => self.terminals.push((start, end)),
+                FrustumNode::Split { negative, positive, .. } => self.splits.push(Split {
+                    plane: Plane { normal: DVec3::ZERO, offset_m: 0.0 },
+                    eye: DVec3::ZERO,
+                    children: [negative, positive].map(|child| places[child as usize]),
+                }),
+            }
+        }
     }
 
     /// The cells' frusta in room space.
@@ -289,15 +356,18 @@ impl FrustumHierarchy {
     fn guards_of(&self, cell: u16, above: &[Plane]) -> Guards {
         let room = self.room_cells();
         let frustum = &room[usize::from(cell)];
-        Guards::of(ALL_SIDES.map(|side| {
-            let plane = frustum.plane(side);
-            let primary = |(c, s): &(u16, FrustumSide)| same_plane(room[usize::from(*c)].plane(*s), plane);
-            if let Some(k) = self.primary_sides.iter().position(primary) {
-                return Guard::Primary(k as u8);
-            }
-            let split = above.iter().position(|p| same_plane(p, plane));
-            split.map_or(Guard::None, |depth| Guard::Split(depth as u8))
-        }))
+        Guards::of(
+            cell,
+            ALL_SIDES.map(|side| {
+                let plane = frustum.plane(side);
+                let primary = |(c, s): &(u16, FrustumSide)| same_plane(room[usize::from(*c)].plane(*s), plane);
+                if let Some(k) = self.primary_sides.iter().position(primary) {
+                    return Guard::Primary(k as u8);
+                }
+                let split = above.iter().position(|p| same_plane(p, plane));
+                split.map_or(Guard::None, |depth| Guard::Split((above.len() - 1 - depth) as u8))
+            }),
+        )
     }
 
     /// Whether every cell still lies where the tree has it, and the primary planes still hold all cells.

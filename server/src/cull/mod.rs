@@ -24,7 +24,7 @@ use mullion_common::wall::{ViewId, Wall};
 
 use crate::tree::{CullTree, TreeForm};
 
-pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guards};
+pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guards, Split};
 pub use overlap::Overlap;
 
 /// How to cull.
