@@ -13,6 +13,7 @@ use mullion_common::wall::{Projection, ViewId};
 use crate::missing::WhenMissing;
 use crate::occlusion::unit::{Counts, Footprint};
 use crate::occlusion::view::CulledView;
+use crate::occlusion::worth::Worth;
 use crate::occlusion::{Adaptive, BoxTest, Occlusion};
 
 /// What the planner needs to know of one frame.
@@ -121,7 +122,7 @@ pub struct PassResult {
     pub batches: u32,
     /// With occlusion culling all leaves whose boxes are seen beyond those that were drawn at once, these among them.
     pub seen: Option<VisibleSet>,
-    /// Of each of the plan's bounds whether it is seen beyond what is drawn. Empty where the GPU cannot tell.
+    /// Of each of the plan's bounds whether it is seen beyond what is drawn.
     pub bounds_seen: Vec<bool>,
     /// Of each of the plan's footprints.
     pub counts: Vec<Counts>,
@@ -145,7 +146,7 @@ pub struct Planner {
     /// Squared distance and leaf.
     keyed: Vec<(f64, u32)>,
     occlusion: Occlusion,
-    leaves_off: bool,
+    worth: Option<Worth>,
     adaptive: Option<Adaptive>,
     frames: u32,
     culled: Vec<CulledView>,
@@ -173,7 +174,7 @@ impl Planner {
     /// [`Occlusion::Hiz`] alone.
     #[must_use]
     pub fn while_worth(self) -> Self {
-        Self { leaves_off: true, ..self }
+        Self { worth: Some(Worth::default()), ..self }
     }
 
     /// Starts a frame and returns its first round. A frame that was not complete is dropped.
@@ -186,7 +187,7 @@ impl Planner {
                 pass.first = None;
             } else {
                 let at = self.culled.iter().position(|culled| culled.view() == view.view).unwrap_or_else(|| {
-                    self.culled.push(CulledView::new(view.view, self.occlusion, (self.leaves_off, self.adaptive)));
+                    self.culled.push(CulledView::new(view.view, self.occlusion, self.worth, self.adaptive));
                     self.culled.len() - 1
                 });
                 self.culled[at].begin(&input, &mut pass, self.frames);

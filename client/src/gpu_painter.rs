@@ -104,7 +104,9 @@ impl Painter for GpuPainter {
         let targets: Vec<ViewTarget> = views.iter().map(|v| ViewTarget { view: v.view, size_px: v.size_px }).collect();
         let renderer =
             Renderer::new(Arc::clone(&self.gpu), Arc::clone(manifest), &targets, Attachments::Color).map_err(failed)?;
-        self.planner = Planner::new().culling(self.occlusion).while_worth(); // it knows another scene's leaves
+        // The one that was here knows another scene's leaves.
+        let occlusion = if renderer.can_cull() { self.occlusion } else { Occlusion::Off };
+        self.planner = Planner::new().culling(occlusion).while_worth();
         if let Output::OwnWindow(feed) = &self.output {
             feed.lay_out(layout::lay_out(views)).map_err(|_| PaintError::Closed)?;
         }

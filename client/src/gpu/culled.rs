@@ -15,17 +15,11 @@ use crate::occlusion::BoxTest;
 #[derive(Default)]
 pub(super) struct Culling {
     /// Looked for when a plan first wants it.
-    pub tester: Option<Tester>,
+    pub tester: Option<BoxTester>,
     /// Opaque leaves that wait.
     late: VisibleSet,
     pub boxes: Vec<TestBox>,
     pub seen: Vec<u32>,
-}
-
-pub(super) enum Tester {
-    There(BoxTester),
-    /// The GPU cannot.
-    Missing,
 }
 
 /// A draw whose box was tested, or need not be.
@@ -39,23 +33,22 @@ pub(super) struct Tested {
 }
 
 impl Renderer {
-    /// Whether a target can be drawn with occlusion culling: whether the GPU can test boxes.
-    pub(super) fn can_cull(&mut self, at: usize) -> bool {
-        let tester = self.culling.tester.get_or_insert_with(|| match BoxTester::new(&self.gpu) {
-            Some(tester) => {
+    /// Makes what a target needs to be drawn with occlusion culling, once. The GPU must be one that can.
+    pub(super) fn prepare_culling(&mut self, at: usize) {
+        if self.culling.tester.is_none() {
+            let tester = BoxTester::new(&self.gpu);
+            if let Some(tester) = &tester {
                 self.pipelines.add_culled(&self.gpu, &tester.first_layout);
-                Tester::There(tester)
             }
-            None => Tester::Missing,
-        });
-        if let Tester::There(tester) = tester {
+            self.culling.tester = tester;
+        }
+        if let Some(tester) = &self.culling.tester {
             let target = &mut self.targets[at];
             target.first.get_or_insert_with(|| First::new(&self.gpu, tester, target.size_px));
         }
-        matches!(tester, Tester::There(_))
     }
 
-    /// Draws one pass of a target that [`Renderer::can_cull`]. All that is listed counts as drawn until [`Renderer::note_seen`].
+    /// Draws one pass of a target that is prepared. All that is listed counts as drawn until [`Renderer::note_seen`].
     pub(super) fn draw_culled(&mut self, at: usize, pass: &PassPlan, first: &VisibleSet) -> Result<PassResult, GpuError> {
         let (late_draws, late_batches) = self.list_turns(pass, first);
         let boxes = self.list_boxes_to_test(at, pass, late_draws);
@@ -82,7 +75,7 @@ impl Renderer {
 
     /// Tests the boxes that were handed over for a target.
     pub(super) fn encode_tests(&mut self, at: usize, encoder: &mut wgpu::CommandEncoder, test: BoxTest, have_late: bool) {
-        let Some(Tester::There(tester)) = &self.culling.tester else { return };
+        let Some(tester) = &self.culling.tester else { return };
         let buffers = Buffers { records: &self.buffers.records, arguments: &self.buffers.arguments, have_late };
         tester.encode(&self.gpu, encoder, &mut self.targets[at], buffers, test);
     }

@@ -12,8 +12,17 @@ pub type DisplayHandle = Box<dyn wgpu::wgt::WgpuHasDisplayHandle>;
 pub struct GpuOptions {
     /// The display, where windows are wanted; not needed to draw without one.
     pub display: Option<DisplayHandle>,
-    /// Not to use what a GPU may lack: shaders that make promises about depth. For tests.
-    pub is_plain: bool,
+    /// To do without what a GPU may lack. For tests.
+    pub without: Option<Optional>,
+}
+
+/// What is made use of where a GPU has it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Optional {
+    /// Depth tests that come before shaders which have effects.
+    EarlyDepth,
+    /// Draws whose arguments are in buffers.
+    IndirectDraws,
 }
 
 /// Why the GPU does not do what it should.
@@ -36,8 +45,10 @@ pub enum GpuError {
     Limit { what: &'static str, value: u64, limit: u64 },
     #[error("view {0} is not one of this renderer's")]
     UnknownView(u16),
-    #[error("this renderer draws no object ids")]
+    #[error("the last picture was drawn without object ids")]
     NoIds,
+    #[error("this GPU cannot tell what is hidden: it lacks indirect draws or shaders that write, or is driven through OpenGL")]
+    NoCulling,
     #[error("the GPU cannot count: its fragment shaders write to no buffers")]
     NoCounts,
 }
@@ -100,7 +111,12 @@ impl Gpu {
         let (instance, adapters) = instance(options.display);
         let wanted = std::env::var("WGPU_ADAPTER_NAME").ok();
         let adapter = choose(adapters, wanted)?;
-        let optional = if options.is_plain { OPTIONAL - wgpu::Features::SHADER_EARLY_DEPTH_TEST } else { OPTIONAL };
+        let without = match options.without {
+            None => wgpu::Features::empty(),
+            Some(Optional::EarlyDepth) => wgpu::Features::SHADER_EARLY_DEPTH_TEST,
+            Some(Optional::IndirectDraws) => wgpu::Features::INDIRECT_FIRST_INSTANCE,
+        };
+        let optional = OPTIONAL - without;
         let (device, queue) = open_device(&adapter, optional)?;
 
         let faults = Arc::new(Faults::default());
@@ -113,6 +129,13 @@ impl Gpu {
             && adapter.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::INDIRECT_EXECUTION);
         let early_depth = device.features().contains(wgpu::Features::SHADER_EARLY_DEPTH_TEST);
         Ok(Arc::new(Self { instance, adapter, device, queue, indirect, early_depth, submitting: RwLock::new(()), faults }))
+    }
+
+    /// Whether it can test boxes: draws must take their counts from buffers, fragment shaders must write, and OpenGL's cannot read depth.
+    pub(super) fn can_cull(&self) -> bool {
+        let can = self.adapter.get_downlevel_capabilities().flags;
+        let writes = can.contains(wgpu::DownlevelFlags::FRAGMENT_WRITABLE_STORAGE);
+        self.indirect && writes && self.adapter.get_info().backend != wgpu::Backend::Gl
     }
 
     /// The GPU, its interface and its driver, as `llvmpipe (LLVM 15.0.6, 256 bits), Vulkan, Mesa 22.3.6`.

@@ -30,7 +30,7 @@ mod timer;
 mod unit;
 mod upload;
 
-pub use device::{DisplayHandle, Gpu, GpuError, GpuOptions};
+pub use device::{DisplayHandle, Gpu, GpuError, GpuOptions, Optional};
 pub use present::{PresentError, Presenter, TileRect};
 pub use renderer::{Renderer, ViewTarget};
 pub use targets::{Attachments, Shown};

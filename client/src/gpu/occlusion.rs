@@ -3,7 +3,7 @@
 //! ```text
 //! first draws → copies of depth and leaf ids → pyramid → sift → boxes → is_seen, a word for each → release: instance counts → late draws
 //! ```
-//! A box that reaches the near plane is seen. Conservative but for that: something is taken for hidden only where its whole box is.
+//! Conservative: something is taken for hidden only where its whole box is, and never where that reaches the near plane.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -83,10 +83,9 @@ struct Groups {
 }
 
 impl BoxTester {
-    /// None where fragment shaders cannot write, or draws take no counts from buffers.
+    /// None where the GPU cannot.
     pub fn new(gpu: &Gpu) -> Option<Self> {
-        let can = gpu.adapter.get_downlevel_capabilities().flags;
-        if !gpu.indirect || !can.contains(wgpu::DownlevelFlags::FRAGMENT_WRITABLE_STORAGE) {
+        if !gpu.can_cull() {
             return None;
         }
         use wgpu::ShaderStages as On;

@@ -18,6 +18,9 @@ use super::unit::Unit;
 use super::upload::{self, Materials, UploadError};
 use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
 
+/// Most leaves of a view that are drawn with occlusion culling: their boxes fit any GPU's buffers and dispatches. More are drawn without.
+const MAX_CULLED: usize = 1 << 21;
+
 /// A view to draw, and how large.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)]
@@ -128,6 +131,12 @@ impl Renderer {
         }
     }
 
+    /// Whether plans may test what is hidden. Where it cannot, those that begin with what was seen draw all, and those in rounds are
+    /// errors.
+    pub fn can_cull(&self) -> bool {
+        self.gpu.can_cull()
+    }
+
     /// Whether leaves can be drawn with this chunk.
     pub fn is_resident(&self, chunk: ChunkId) -> bool {
         self.geometry.get(chunk.0 as usize).is_some_and(Option::is_some) || self.materials.is_resident(chunk)
@@ -159,19 +168,24 @@ impl Renderer {
     /// [`Renderer::wait`]; with occlusion culling when it is done. Leaves whose geometry is not resident are skipped.
     ///
     /// # Errors
-    /// When a pass names a view that is not this renderer's, is larger than the GPU's limits, or the GPU fails.
+    /// When a pass names a view that is not this renderer's, is larger than the GPU's limits, or in rounds where [`Renderer::can_cull`] is
+    /// not, or the GPU fails.
     pub fn draw(&mut self, plan: &FramePlan) -> Result<PassResults, GpuError> {
         self.arena.flush(&self.gpu);
         let mut passes = Vec::with_capacity(plan.passes.len());
         let mut culled = Vec::new();
+        let can_cull = self.can_cull();
         for pass in &plan.passes {
             let at = self.targets.iter().position(|t| t.view == pass.view).ok_or(GpuError::UnknownView(pass.view.0))?;
             passes.push(match &pass.first {
-                Some(first) if self.can_cull(at) => {
+                Some(first) if can_cull && pass.opaque.len() as usize + pass.blended.len() <= MAX_CULLED => {
+                    self.prepare_culling(at);
                     culled.push((passes.len(), at));
                     self.draw_culled(at, pass, first)?
                 }
-                None if pass.is_round() && self.can_cull(at) => {
+                None if pass.is_round() && !can_cull => return Err(GpuError::NoCulling),
+                None if pass.is_round() => {
+                    self.prepare_culling(at);
                     culled.push((passes.len(), at));
                     self.draw_round(at, pass)?
                 }

@@ -3,7 +3,6 @@
 
 use glam::DAffine3;
 
-use super::culled::Tester;
 use super::device::GpuError;
 use super::pipelines::Turn;
 use super::renderer::{Load, Renderer};
@@ -12,9 +11,8 @@ use super::timer::Pass;
 use crate::frame::{Bound, PassPlan, PassResult, Times};
 
 impl Renderer {
-    /// Draws one round of a target that [`Renderer::can_cull`].
+    /// Draws one round of a target that is prepared.
     pub(super) fn draw_round(&mut self, at: usize, pass: &PassPlan) -> Result<PassResult, GpuError> {
-        debug_assert!(matches!(self.culling.tester, Some(Tester::There(_))));
         let (turn, load) = if pass.round == 0 { (Turn::First, Load::Clear) } else { (Turn::Late, Load::Keep) };
         self.list.clear();
         self.pass += 1;
@@ -40,9 +38,7 @@ impl Renderer {
         }
         self.encode_times(at, &mut encoder, if box_count > 0 { 2 } else { 1 });
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
-        let mut result = self.result(pass);
-        result.bounds_seen.resize(pass.bounds.len(), false);
-        Ok(result)
+        Ok(self.result(pass))
     }
 
     /// Waits until a round is drawn, and tells which of its bounds are seen.

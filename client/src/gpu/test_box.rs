@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat4, Vec3};
-use mullion_common::geometry::Aabb;
+use mullion_common::geometry::{Aabb, RELATIVE_SLACK};
 use mullion_common::wall::Projection;
 
 /// By how much of a pixel a box is grown on every side: more than the 1/256 to which rasterisers round.
@@ -29,17 +29,23 @@ pub(super) struct Grower {
     grown_m: f64,
 }
 
-/// How an object turns world distances into its own, axis by axis.
+/// How an object turns world distances into its own, axis by axis, and how far its own axes reach in the world.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LocalScale(DVec3);
+pub(super) struct LocalScale {
+    local_from_world: DVec3,
+    world_from_local: DVec3,
+}
 
 impl LocalScale {
     /// Of what has world axes.
-    pub const WORLD: Self = Self(DVec3::ONE);
+    pub const WORLD: Self = Self { local_from_world: DVec3::ONE, world_from_local: DVec3::ONE };
 
     pub fn of(world_from_local: &glam::DAffine3) -> Self {
-        let local_from_world = world_from_local.matrix3.inverse();
-        Self(DVec3::from_array([0, 1, 2].map(|row| local_from_world.row(row).length())))
+        let (matrix, inverse) = (world_from_local.matrix3, world_from_local.matrix3.inverse());
+        Self {
+            local_from_world: DVec3::from_array([0, 1, 2].map(|row| inverse.row(row).length())),
+            world_from_local: DVec3::from_array([0, 1, 2].map(|column| matrix.col(column).length())),
+        }
     }
 }
 
@@ -59,7 +65,9 @@ impl Grower {
         let (center, half) = (bounds.center(), bounds.size() / 2.0);
         let reach = |row: glam::DVec4| row.truncate().abs().dot(half);
         let (w_center, w_reach) = (w.truncate().dot(center) + w.w, reach(w));
-        let grown = scale.0 * (self.grown_m * (w_center + w_reach));
+        // Products with coordinates far from the object's origin are rounded by that much more.
+        let rounded_m = RELATIVE_SLACK * scale.world_from_local.dot(bounds.min.abs().max(bounds.max.abs()));
+        let grown = scale.local_from_world * (self.grown_m * (w_center + w_reach) + rounded_m);
         let (min, max) = ((bounds.min - grown).as_vec3(), (bounds.max + grown).as_vec3());
         let reach_grown = reach(w) + w.truncate().abs().dot(grown);
         let z_max = z.truncate().dot(center) + z.w + reach(z) + z.truncate().abs().dot(grown);

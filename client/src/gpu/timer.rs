@@ -73,7 +73,11 @@ impl Timer {
     /// Microseconds from the first stamp to each of the others. After [`Timer::ask`] and a wait.
     pub fn times_us(&self) -> Result<[f64; 3], GpuError> {
         let mapped = self.read.get_mapped_range(..).map_err(|e| GpuError::Refused(e.to_string()))?;
-        let ticks: Vec<u64> = mapped.chunks_exact(size_of::<u64>()).map(bytemuck::pod_read_unaligned::<u64>).collect();
+        let mut ticks = [0_u64; STAMPS as usize];
+        ticks
+            .iter_mut()
+            .zip(mapped.chunks_exact(size_of::<u64>()))
+            .for_each(|(tick, bytes)| *tick = bytemuck::pod_read_unaligned(bytes));
         drop(mapped);
         self.read.unmap();
         Ok([1, 2, 3].map(|k| ticks[k].saturating_sub(ticks[0]) as f64 * self.us_per_tick))

@@ -136,7 +136,7 @@ impl Renderer {
 impl Counter {
     /// None where fragment shaders cannot write.
     fn new(gpu: &Gpu) -> Option<Self> {
-        if !gpu.adapter.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::FRAGMENT_WRITABLE_STORAGE) {
+        if !gpu.can_cull() {
             return None;
         }
         use wgpu::BufferUsages as Use;

@@ -22,7 +22,8 @@ pub enum Occlusion {
     Paper,
     /// The same, but while something moves only a tenth of each bound is looked at (section 4.2): not conservative until all is still.
     Sampled,
-    /// The paper's loop within equation 2's share of the time: what is left then is drawn.
+    /// The paper's loop within equation 2's share of the time: what is left then is drawn. The same as the paper's loop where the GPU has no
+    /// clock.
     CostAdaptive,
     /// What was seen is drawn at once, and all else asked for in groups, by the GPU's occlusion queries (Mattausch, Bittner, Wimmer 2008).
     Query,

@@ -26,28 +26,13 @@ pub enum Order {
     /// (Bartz, Meißner, Hüttner 1999, section 4.4). Once testing took so many microseconds in a frame, all that is left is drawn.
     Depth { budget_us: f64 },
     /// What was seen before is drawn at once, and all else asked for in groups (Mattausch, Bittner, Wimmer 2008).
-    Seen(Retest),
+    /// Each leaf that is seen is asked for again once in so many frames, or more where there are more than a round takes.
+    Seen { frame: u32, retest_frames: u32 },
 }
 
 impl Default for Order {
     fn default() -> Self {
         Self::Depth { budget_us: f64::INFINITY }
-    }
-}
-
-/// Some leaves, evenly chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Retest {
-    /// 1: all of them.
-    pub every: u32,
-    /// Less than `every`.
-    pub turn: u32,
-}
-
-impl Retest {
-    /// Whether a leaf is among them.
-    pub fn takes(self, leaf: u32) -> bool {
-        leaf % self.every == self.turn
     }
 }
 
@@ -151,11 +136,16 @@ impl Rounds {
         self.scratch = all;
         self.clear_round();
         match (order, self.seen.take()) {
-            (Order::Seen(retest), Some(seen)) => self.begin_with_seen(subject, (&seen, retest)),
-            _ => {
+            (Order::Seen { frame, retest_frames }, Some(mut seen)) => {
+                self.begin_with_seen(subject, &seen, (frame, retest_frames));
+                seen.clear();
+                self.seen = Some(seen);
+            }
+            (order, _) => {
                 // Also where it is not known yet what is seen.
-                self.order = if let Order::Seen(_) = order { Order::default() } else { order };
-                self.seen = Some(VisibleSet::default());
+                if let Order::Seen { .. } = order {
+                    (self.order, self.seen) = (Order::default(), Some(VisibleSet::default()));
+                }
                 self.tree.roots().for_each(|root| self.enlist(root));
                 self.take_from_list();
             }
@@ -176,7 +166,7 @@ impl Rounds {
         for (at, asked) in asked.iter().enumerate() {
             match (*asked, is_seen.get(at).copied().unwrap_or(true)) {
                 (Asked::Node(node), true) => self.see(node),
-                (Asked::Again(leaf), false) => self.gone.push_unordered(one(leaf)),
+                (Asked::Again(leaf), false) => self.gone.push_unordered(one(leaf)), // of Order::Seen alone
                 _ => {}
             }
         }
@@ -240,7 +230,9 @@ impl Rounds {
 
     /// A node is seen: its children are next.
     fn see(&mut self, node: NodeId) {
-        self.known.insert(self.tree.name(node));
+        if let Order::Depth { .. } = self.order {
+            self.known.insert(self.tree.name(node));
+        }
         if let Some(leaf) = self.tree.leaf(node) {
             self.draw(leaf);
             return;
@@ -248,7 +240,7 @@ impl Rounds {
         for child in self.tree.children(node) {
             match self.order {
                 Order::Depth { .. } => self.enlist(child),
-                Order::Seen(_) => self.waiting.push(child),
+                Order::Seen { .. } => self.waiting.push(child),
             }
         }
     }
@@ -280,13 +272,14 @@ impl Rounds {
         }
     }
 
-    fn begin_with_seen(&mut self, subject: &Subject<'_>, (seen, retest): (&VisibleSet, Retest)) {
+    fn begin_with_seen(&mut self, subject: &Subject<'_>, seen: &VisibleSet, (frame, retest_frames): (u32, u32)) {
+        const MOST_AGAIN: u32 = MAX_QUERIES as u32 / 2;
         subject.opaque.intersection_into(seen, &mut self.round.opaque);
-        self.seen = Some(VisibleSet::default());
+        let every = retest_frames.max(self.round.opaque.len().div_ceil(MOST_AGAIN));
         // Nothing that is marked as seen is asked for again while nothing moves.
         if !subject.is_still {
-            let again: Vec<u32> = self.round.opaque.leaves().filter(|leaf| retest.takes(*leaf)).take(MAX_QUERIES / 2).collect();
-            for leaf in again {
+            let in_turn = |leaf: &u32| leaf % every == frame % every;
+            for leaf in self.round.opaque.leaves().filter(in_turn).take(MOST_AGAIN as usize) {
                 self.asked.push(Asked::Again(leaf));
                 self.round.bounds.push(Bound::Leaf(leaf));
             }

@@ -5,7 +5,8 @@
 //! stands for the visible ones of 8^k, beginning with a multiple of that. It is made anew for each frame from where things stand in it, so
 //! that nothing that moves leaves a stale bound.
 
-use mullion_common::geometry::Aabb;
+use glam::{DAffine3, DVec3};
+use mullion_common::geometry::{Aabb, RELATIVE_SLACK};
 use mullion_common::scene::{LeafRecord, Transform};
 
 const LEVEL_BITS: u32 = 3;
@@ -41,7 +42,7 @@ impl VisibleTree {
         self.nodes.clear();
         self.nodes.extend(leaves.map(|leaf| {
             let record = &records[leaf as usize];
-            let bounds = record.local_aabb().transformed(&transforms[record.object.0 as usize].affine());
+            let bounds = bounds_of(&record.local_aabb(), &transforms[record.object.0 as usize].affine());
             Node { bounds, first: leaf, children: 0, key: leaf, level: 0 }
         }));
         let (mut begin, mut level) = (0, 0);
@@ -99,10 +100,18 @@ impl VisibleTree {
     }
 }
 
+/// In the world, larger by what a GPU may round the leaf's vertices.
+fn bounds_of(local: &Aabb, world_from_local: &DAffine3) -> Aabb {
+    let far = local.min.abs().max(local.max.abs());
+    let columns = [world_from_local.matrix3.x_axis, world_from_local.matrix3.y_axis, world_from_local.matrix3.z_axis];
+    let rounded_m = RELATIVE_SLACK * DVec3::from_array(columns.map(|column| column.length())).dot(far);
+    let bounds = local.transformed(world_from_local);
+    Aabb { min: bounds.min - rounded_m, max: bounds.max + rounded_m }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DAffine3, DVec3};
     use mullion_common::scene::{ChunkId, MaterialId, ObjectId};
 
     fn record(k: u32) -> LeafRecord {

@@ -4,7 +4,7 @@ use glam::DAffine3;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Projection, ViewId};
 
-use super::rounds::{Order, Retest, Round, Rounds, Subject};
+use super::rounds::{Order, Round, Rounds, Subject};
 use super::unit::{Counts, Footprint, contribution, contribution_as_printed};
 use super::worth::{Budget, Outcome, Worth};
 use super::{Adaptive, BoxTest, Occlusion};
@@ -61,10 +61,10 @@ struct InRounds {
 
 impl CulledView {
     /// Of a view of which nothing is known. `occlusion` must not be [`Occlusion::Off`].
-    /// `leaves_off`: where it costs more than it saves.
-    pub fn new(view: ViewId, occlusion: Occlusion, (leaves_off, adaptive): (bool, Option<Adaptive>)) -> Self {
+    /// `worth`: judges whether two turns are left off for a while.
+    pub fn new(view: ViewId, occlusion: Occlusion, worth: Option<Worth>, adaptive: Option<Adaptive>) -> Self {
         let state = match occlusion {
-            Occlusion::Off | Occlusion::Hiz => State::Turns { seen: None, worth: leaves_off.then(Worth::default) },
+            Occlusion::Off | Occlusion::Hiz => State::Turns { seen: None, worth },
             _ => State::Rounds(Box::new(InRounds {
                 rounds: Rounds::default(),
                 adaptive,
@@ -86,7 +86,9 @@ impl CulledView {
 
     /// Turns a pass that draws all into one that begins with less.
     pub fn begin(&mut self, input: &FrameInput<'_>, pass: &mut PassPlan, frame: u32) {
-        self.look(input.has_changed, pass);
+        if let State::Rounds(_) = self.state {
+            self.look(input.has_changed, pass);
+        }
         let first = pass.first.take();
         match &mut self.state {
             State::Turns { seen, worth } => {
@@ -113,7 +115,7 @@ impl CulledView {
                     in_world: self.occlusion == Occlusion::Adaptive,
                 };
                 let order = match self.occlusion {
-                    Occlusion::Query => Order::Seen(Retest { every: RETEST_FRAMES, turn: frame % RETEST_FRAMES }),
+                    Occlusion::Query => Order::Seen { frame, retest_frames: RETEST_FRAMES },
                     Occlusion::CostAdaptive => Order::Depth { budget_us: state.budget.us() },
                     _ => Order::Depth { budget_us: f64::INFINITY },
                 };

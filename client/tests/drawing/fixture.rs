@@ -8,7 +8,7 @@ use image::RgbaImage;
 use mullion_client::frame::{FrameInput, FramePlan, Planner, ViewInput};
 use mullion_client::gpu::{Attachments, Gpu, GpuOptions, Renderer, ViewTarget};
 use mullion_client::missing::WhenMissing;
-use mullion_common::geometry::{Containment, Frustum, Obb};
+use mullion_common::geometry::{Aabb, Containment, Frustum, Obb};
 use mullion_common::scene::{
     AlphaMode, ChunkHash, ChunkId, ChunkKind, ChunkRecord, Filter, GeometryChunk, LeafRecord, Material, MaterialId, ObjectId,
     SceneManifest, TextureRef, Wrap,
@@ -58,6 +58,28 @@ impl Scene {
         self.manifest.chunks.push(ChunkRecord::new(ChunkHash::of(&bytes), 0, bytes.len() as u32, kind));
         self.chunks.push(bytes);
         ChunkId(self.chunks.len() as u32 - 1)
+    }
+
+    /// Moves every mesh in its object's space, and every object back by as much: all stands where it stood.
+    pub fn push_meshes_away(&mut self, by: DVec3) {
+        let far = by.as_vec3();
+        for (bytes, record) in self.chunks.iter_mut().zip(&mut self.manifest.chunks) {
+            if record.kind() != Some(ChunkKind::Geometry) {
+                continue;
+            }
+            let mut chunk = GeometryChunk::decode(bytes).expect("a chunk made here");
+            chunk.positions.iter_mut().for_each(|position| *position = (glam::Vec3::from(*position) + far).to_array());
+            *bytes = chunk.encode();
+            *record = ChunkRecord::new(ChunkHash::of(bytes), 0, bytes.len() as u32, ChunkKind::Geometry);
+        }
+        for transform in &mut self.manifest.transforms {
+            *transform = (transform.affine() * DAffine3::from_translation(-by)).into();
+        }
+        for leaf in &mut self.manifest.leaves {
+            let geometry = GeometryChunk::decode(&self.chunks[leaf.chunk.0 as usize]).expect("a chunk made here");
+            let bounds = Aabb::of_points(geometry.positions.iter().map(|p| glam::Vec3::from(*p).as_dvec3()));
+            (leaf.local_min, leaf.local_max) = (bounds.min.as_vec3().to_array(), bounds.max.as_vec3().to_array());
+        }
     }
 
     pub fn mesh(&mut self, chunk: &GeometryChunk) -> ChunkId {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3};
 use mullion_client::frame::{FrameInput, FramePlan, PassResult, Planner, ViewInput};
-use mullion_client::gpu::{Gpu, GpuOptions, Renderer};
+use mullion_client::gpu::{Gpu, GpuError, GpuOptions, Optional, Renderer};
 use mullion_client::missing::WhenMissing;
 use mullion_client::occlusion::Occlusion;
 use mullion_common::scene::{AlphaMode, Material, ObjectId};
@@ -159,7 +159,8 @@ fn assert_same_along_a_path(gpu: &Arc<Gpu>, occlusion: Occlusion) {
         assert_same(&plain, &culled, &format!("{occlusion}, frame {frame}"));
     }
     println!("{occlusion}: {drawn} of {leaves} leaves drawn");
-    assert!(drawn * 10 < leaves * 9, "{occlusion}: {drawn} of {leaves} leaves drawn");
+    // How much a budget of time allows is the machine's.
+    assert!(occlusion == Occlusion::CostAdaptive || drawn * 10 < leaves * 9, "{occlusion}: {drawn} of {leaves} leaves drawn");
 }
 
 #[test]
@@ -177,7 +178,7 @@ fn no_pixel_changes_with_queries() {
 
 #[test]
 fn no_pixel_changes_where_no_depth_test_can_be_forced_to_come_first() {
-    let Ok(gpu) = Gpu::open(GpuOptions { is_plain: true, ..GpuOptions::default() }) else { return };
+    let Ok(gpu) = Gpu::open(GpuOptions { without: Some(Optional::EarlyDepth), ..GpuOptions::default() }) else { return };
     assert_same_along_a_path(&gpu, Occlusion::Hiz);
     assert_same_along_a_path(&gpu, Occlusion::Paper);
     assert_same_along_a_path(&gpu, Occlusion::Query);
@@ -299,5 +300,55 @@ fn what_a_wall_hides_is_left_out_from_the_second_frame_on_and_is_back_at_once() 
     let back = scene.manifest.transforms[in_front.0 as usize];
     [&mut plain, &mut culled].into_iter().for_each(|renderer| renderer.set_transform(in_front, back));
     let drawn: Vec<u32> = (0..6).map(|_| frame(&mut plain, &mut culled)).collect();
-    assert!(drawn.is_sorted_by(|a, b| a >= b) && drawn[1] > 2 && drawn[5] == 2, "each is asked once in a few frames: {drawn:?}");
+    assert!(
+        drawn.is_sorted_by(|a, b| a >= b) && drawn[1] > 2 && drawn[5] == 2,
+        "what is hidden goes once that is known: {drawn:?}"
+    );
+}
+
+#[test]
+fn a_gpu_that_cannot_test_boxes_draws_all() {
+    let options = GpuOptions { without: Some(Optional::IndirectDraws), ..GpuOptions::default() };
+    let Ok(gpu) = Gpu::open(options) else { return };
+    let scene = rooms();
+    let (mut plain, mut culled) = both(&gpu, &scene);
+    assert!(!culled.can_cull());
+    let look = Look::ahead(DVec3::new(0.5, 0.5, 6.0), SIZE_PX);
+    let (all, missing) = (scene.all(), VisibleSet::default());
+    let parts = (&scene, &look, &all, &missing);
+    let of_all = draw_with(&mut Planner::new(), &mut plain, parts, |_| {});
+    let mut planner = Planner::new().culling(Occlusion::Hiz);
+    for _ in 0..3 {
+        let of_some = draw_with(&mut planner, &mut culled, parts, |_| {});
+        assert_eq!((of_some.leaves, of_some.seen), (of_all.leaves, None));
+        assert_same(&plain, &culled, "without tests");
+    }
+    let views = [ViewInput { view: ViewId(4), projection: look.projection(), visible: &all, missing: &missing }];
+    let plan = Planner::new().culling(Occlusion::Paper).begin(input(&culled, &scene, &look, &views, &|_| true)).clone();
+    assert_eq!(culled.draw(&plan), Err(GpuError::NoCulling));
+}
+
+/// Meshes far from their objects' origins, which `f32` rounds by centimetres.
+#[test]
+fn no_pixel_changes_far_from_the_origins_of_objects() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = clutter(300);
+    scene.push_meshes_away(DVec3::new(190_000.0, -70_000.0, 130_000.0));
+    let (mut plain, mut culled) = both(&gpu, &scene);
+    let mut numbers = Numbers(17);
+    let mut at = (DVec3::ZERO, DQuat::IDENTITY);
+    let (mut all, mut hiz, mut query) =
+        (Planner::new(), Planner::new().culling(Occlusion::Hiz), Planner::new().culling(Occlusion::Query));
+    let (mut leaves, mut drawn) = (0, 0);
+    for frame in 0..30 {
+        let look = walk(&mut numbers, frame, &mut at);
+        let (visible, missing) = (scene.all(), VisibleSet::default());
+        let parts = (&scene, &look, &visible, &missing);
+        leaves += draw_with(&mut all, &mut plain, parts, |_| {}).leaves;
+        for planner in [&mut hiz, &mut query] {
+            drawn += draw_with(planner, &mut culled, parts, |_| {}).leaves;
+            assert_same(&plain, &culled, &format!("far away, frame {frame}"));
+        }
+    }
+    assert!(drawn < leaves * 2, "{drawn} of {leaves} twice");
 }

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use image::RgbaImage;
 use mullion_client::frame::Planner;
-use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
+use mullion_client::gpu::{Attachments, Gpu, GpuError, Renderer, ViewTarget};
 use mullion_client::occlusion::Occlusion;
 use mullion_common::camera_path::CameraPath;
 use mullion_common::scene::{AlphaMode, LeafRecord, Package};
@@ -44,14 +44,39 @@ struct Contestant {
 #[derive(Default)]
 struct Sums {
     frame_ms: Vec<f64>,
-    draw_ms: Option<f64>,
-    test_ms: f64,
+    timed: Timed,
     drawn: Vec<u64>,
     tests: u64,
     hidden_culled: u64,
     drawn_leaves: u64,
     false_visible: u64,
     wrong_pixels: u64,
+}
+
+/// Sums over the frames in which the GPU's clock was read, milliseconds.
+#[derive(Default)]
+struct Timed {
+    frames: u64,
+    all_ms: f64,
+    draw_ms: f64,
+    test_ms: f64,
+}
+
+impl Timed {
+    fn add(&mut self, frame_ms: f64, draw_ms: f64, test_ms: f64) {
+        self.frames += 1;
+        self.all_ms += frame_ms;
+        self.draw_ms += draw_ms;
+        self.test_ms += test_ms;
+    }
+
+    /// Of culling to the frustum, of planning and waiting, of testing and of drawing. `cull_ms`: of a frame.
+    fn shares_percent(&self, cull_ms: f64) -> Option<[f64; 4]> {
+        let Self { frames, all_ms, draw_ms, test_ms } = *self;
+        let cull_ms = cull_ms * frames as f64;
+        let share = |ms: f64| 100.0 * ms / (all_ms + cull_ms);
+        (frames > 0).then(|| [share(cull_ms), share(all_ms - draw_ms - test_ms), share(test_ms), share(draw_ms)])
+    }
 }
 
 /// What is true of a frame, however it is drawn.
@@ -155,9 +180,8 @@ impl<'a> Contest<'a> {
         let sums = &mut self.contestants[at].sums;
         sums.frame_ms.push(frame_ms);
         if let Some(draw_us) = drawn.draw_us {
-            *sums.draw_ms.get_or_insert_default() += draw_us / 1e3;
+            sums.timed.add(frame_ms, draw_us / 1e3, drawn.test_us / 1e3);
         }
-        sums.test_ms += drawn.test_us / 1e3;
         sums.drawn.push(drawn.triangles);
         sums.tests += u64::from(drawn.tests);
         sums.hidden_culled += u64::from(kept.len());
@@ -171,7 +195,7 @@ impl<'a> Contest<'a> {
     fn truth(&mut self, projection: &Projection, visible: &VisibleSet) -> Result<Truth> {
         let scene = (VIEW, *projection, visible);
         let seen = drawn::draw(&mut self.culled, &mut Planner::new().culling(Occlusion::Hiz), self.package, scene)?.seen;
-        let seen = seen.context("this GPU cannot test boxes: it lacks indirect draws or storage in fragments")?;
+        let seen = seen.ok_or(GpuError::NoCulling)?;
         let mut ids = self.culled.read_leaves(VIEW)?;
         ids.sort_unstable();
         ids.dedup();
@@ -206,17 +230,13 @@ impl Contestant {
         let Self { way, sums, .. } = self;
         let all_ms: f64 = sums.frame_ms.iter().sum();
         let frames = sums.frame_ms.len() as u64;
-        let shares_percent = sums.draw_ms.map(|draw_ms| {
-            let share = |ms: f64| 100.0 * ms / (all_ms + cull_ms);
-            [share(cull_ms), share(all_ms - draw_ms - sums.test_ms), share(sums.test_ms), share(draw_ms)]
-        });
         let culled_percent = |drawn: u64| 100.0 - percent(drawn, triangles);
         Row {
             mode: way.name(),
             culled_percent: 100.0 - percent(sums.drawn.iter().sum(), triangles * frames),
             frame_ms: Spread::of(sums.frame_ms.iter().copied()),
             speed_up: frustum_ms / all_ms,
-            shares_percent,
+            shares_percent: sums.timed.shares_percent(cull_ms / frames.max(1) as f64),
             tests: sums.tests as f64 / frames.max(1) as f64,
             hidden_culled_percent: percent(sums.hidden_culled, box_hidden),
             false_visible_percent: percent(sums.false_visible, sums.drawn_leaves),

@@ -40,7 +40,7 @@ pub struct Options {
         long = "mode",
         value_name = "MODE",
         value_delimiter = ',',
-        default_value = "perfect,paper,sampled,cost-adaptive,query,hiz,adaptive"
+        default_value = "perfect,paper,sampled,cost-adaptive,query,hiz,default,adaptive"
     )]
     modes: Vec<Mode>,
     /// With the mode adaptive: what contributes less is left out (equation 1), as a share of the view plane's pixels. Several: a row each.
@@ -96,7 +96,8 @@ impl Way {
     fn planner(&self) -> Planner {
         match self.adaptive {
             Some(adaptive) => Planner::new().adaptive(adaptive),
-            None => Planner::new().culling(self.mode.occlusion()).while_worth(),
+            None if self.mode == Mode::Default => Planner::new().culling(Occlusion::Hiz).while_worth(),
+            None => Planner::new().culling(self.mode.occlusion()),
         }
     }
 }
@@ -120,6 +121,8 @@ pub enum Mode {
     Query,
     /// Two passes and a pyramid of depths.
     Hiz,
+    /// As tiles draw by default: hiz, left off for a while where it costs more than it saves.
+    Default,
     /// The paper's loop, without what hardly contributes: an estimate.
     Adaptive,
 }
@@ -131,6 +134,7 @@ impl Mode {
             Self::None => "none",
             Self::Frustum => "frustum",
             Self::Perfect => "perfect",
+            Self::Default => "default",
             _ => self.occlusion().name(),
         }
     }
@@ -142,7 +146,7 @@ impl Mode {
             Self::Sampled => Occlusion::Sampled,
             Self::CostAdaptive => Occlusion::CostAdaptive,
             Self::Query => Occlusion::Query,
-            Self::Hiz => Occlusion::Hiz,
+            Self::Hiz | Self::Default => Occlusion::Hiz,
             Self::Adaptive => Occlusion::Adaptive,
         }
     }
