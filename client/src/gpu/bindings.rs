@@ -60,19 +60,20 @@ pub(super) fn pipeline_layout(device: &wgpu::Device, label: &str, groups: &[&wgp
     })
 }
 
-/// A compute pipeline, called after its entry point.
+/// A compute pipeline, called after its entry point; `constants` of its module by name.
 pub(super) fn compute(
     device: &wgpu::Device,
     module: &wgpu::ShaderModule,
     entry_point: &str,
     groups: &[&wgpu::BindGroupLayout],
+    constants: &[(&str, f64)],
 ) -> wgpu::ComputePipeline {
     device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(entry_point),
         layout: Some(&pipeline_layout(device, entry_point, groups)),
         module,
         entry_point: Some(entry_point),
-        compilation_options: Default::default(),
+        compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
         cache: None,
     })
 }

@@ -52,16 +52,8 @@ impl Renderer {
     pub(super) fn draw_culled(&mut self, at: usize, pass: &PassPlan, first: &VisibleSet) -> Result<PassResult, GpuError> {
         let (late_draws, late_batches) = self.list_turns(pass, first);
         let boxes = self.list_boxes_to_test(at, pass, late_draws);
-        self.buffers.write(&self.gpu, &self.list)?;
-        let asked = self.list.arguments.len() as u32;
-        let target = &mut self.targets[at];
-        target.begin(&self.gpu, true);
-        target.write_uniform(&self.gpu, &pass.projection);
-        let records = &self.buffers.records;
-        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer));
-        if let Some(first) = &mut target.first {
-            first.write(&self.gpu, &boxes, asked)?;
-        }
+        self.hand_over(at, pass, true)?;
+        self.hand_over_boxes(at, boxes, self.list.arguments.len() as u32)?;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
         self.encode(&self.targets[at], &mut encoder, (Load::Clear, Some(Pass::Draws)), 0..late_batches);
         self.encode_tests(at, &mut encoder, pass.test, true);
@@ -69,8 +61,15 @@ impl Renderer {
         self.encode(&self.targets[at], &mut encoder, (Load::Keep, Some(Pass::Second)), late);
         self.encode_times(at, &mut encoder, 2);
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
-        self.culling.boxes = boxes;
         Ok(self.result(pass))
+    }
+
+    /// Hands a target's boxes to the GPU, which is to tell of so many things whether they are seen. Keeps their memory.
+    pub(super) fn hand_over_boxes(&mut self, at: usize, boxes: Vec<TestBox>, asked: u32) -> Result<(), GpuError> {
+        let first = self.targets[at].first.as_mut();
+        let written = first.map_or(Ok(()), |first| first.write(&self.gpu, &boxes, asked));
+        self.culling.boxes = boxes;
+        written
     }
 
     /// Tests the boxes that were handed over for a target.

@@ -113,7 +113,7 @@ impl BoxTester {
             all: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::All),
             chosen: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::Chosen),
             queried: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::Queried),
-            release: compute(device, &release, "release", &[&released_layout]),
+            release: compute(device, &release, "release", &[&released_layout], &[]),
             first_layout,
             drawn_layout,
             sifted_layout,

@@ -73,9 +73,9 @@ impl PyramidMaker {
         let sift = module(device, "sift", concat!(include_str!("shaders/box.wgsl"), include_str!("shaders/sift.wgsl")));
         let reduces = [&step_layout, first_layout];
         Self {
-            first_level: compute(device, &pyramid, "first_level", &reduces),
-            next_level: compute(device, &pyramid, "next_level", &reduces),
-            sift: compute(device, &sift, "sift", &[boxes_layout, &extent_layout]),
+            first_level: compute(device, &pyramid, "reduce", &reduces, &[("of_picture", 1.0)]),
+            next_level: compute(device, &pyramid, "reduce", &reduces, &[("of_picture", 0.0)]),
+            sift: compute(device, &sift, "sift", &[boxes_layout, &extent_layout], &[]),
             step_layout,
             extent_layout,
         }

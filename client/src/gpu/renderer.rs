@@ -224,16 +224,21 @@ impl Renderer {
 
     fn draw_pass(&mut self, at: usize, pass: &PassPlan) -> Result<PassResult, GpuError> {
         self.list_draws(pass);
-        self.buffers.write(&self.gpu, &self.list)?;
-        let (target, records) = (&mut self.targets[at], &self.buffers.records);
-        target.begin(&self.gpu, false);
-        target.write_uniform(&self.gpu, &pass.projection);
-        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer));
-
+        self.hand_over(at, pass, false)?;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
         self.encode(&self.targets[at], &mut encoder, (Load::Clear, None), 0..self.list.batches.len());
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         Ok(self.result(pass))
+    }
+
+    /// Hands what is listed to the GPU, and readies a target for it.
+    pub(super) fn hand_over(&mut self, at: usize, pass: &PassPlan, is_culled: bool) -> Result<(), GpuError> {
+        self.buffers.write(&self.gpu, &self.list)?;
+        let (target, records) = (&mut self.targets[at], &self.buffers.records);
+        target.begin(&self.gpu, is_culled);
+        target.write_uniform(&self.gpu, &pass.projection);
+        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer));
+        Ok(())
     }
 
     /// What is listed, all of it drawn.

@@ -20,17 +20,9 @@ impl Renderer {
         self.list_boxes(pass);
         self.list_leaves(pass, pass.blended.iter().copied(), turn);
         let boxes = self.list_bounds(at, pass);
-        self.buffers.write(&self.gpu, &self.list)?;
-        let target = &mut self.targets[at];
-        target.begin(&self.gpu, true);
-        target.write_uniform(&self.gpu, &pass.projection);
-        let records = &self.buffers.records;
-        target.bind(&self.gpu, &self.pipelines.view_layout, (records.generation, &records.buffer));
-        if let Some(first) = &mut target.first {
-            first.write(&self.gpu, &boxes, pass.bounds.len() as u32)?;
-        }
         let box_count = boxes.len();
-        self.culling.boxes = boxes;
+        self.hand_over(at, pass, true)?;
+        self.hand_over_boxes(at, boxes, pass.bounds.len() as u32)?;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("round") });
         self.encode(&self.targets[at], &mut encoder, (load, Some(Pass::Draws)), 0..self.list.batches.len());
         if !pass.bounds.is_empty() || !pass.footprints.is_empty() {

@@ -13,27 +13,18 @@ struct Step {
 @group(0) @binding(1) var<storage, read_write> levels: array<f32>;
 @group(1) @binding(0) var first_depth: texture_depth_2d;
 
-fn depth(at: vec2u) -> f32 {
-    return textureLoad(first_depth, vec2i(at), 0);
-}
+// Whether the level below is the picture.
+override of_picture: bool = false;
 
 fn texel(at: vec2u) -> f32 {
+    if of_picture {
+        return textureLoad(first_depth, vec2i(at), 0);
+    }
     return levels[reduction.below.x + at.y * reduction.below.y + at.x];
 }
 
 @compute @workgroup_size(8, 8)
-fn first_level(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= reduction.made.yz) {
-        return;
-    }
-    let begin = id.xy * 2u;
-    let end = min(begin + 1u, reduction.below.yz - 1u);
-    let farthest = min(min(depth(begin), depth(vec2u(end.x, begin.y))), min(depth(vec2u(begin.x, end.y)), depth(end)));
-    levels[reduction.made.x + id.y * reduction.made.y + id.x] = farthest;
-}
-
-@compute @workgroup_size(8, 8)
-fn next_level(@builtin(global_invocation_id) id: vec3u) {
+fn reduce(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= reduction.made.yz) {
         return;
     }
