@@ -293,7 +293,7 @@ impl First {
         self.boxes.write(gpu, bytemuck::cast_slice(boxes), limit)?;
         self.chosen.reserve(gpu, boxes.len() as u64 * 4, limit)?;
         self.seen.reserve(gpu, u64::from(asked) * 4, limit)?;
-        (self.asked, self.box_count) = (asked, boxes.len() as u32);
+        (self.asked, self.box_count, self.is_queried) = (asked, boxes.len() as u32, false);
         let size = self.seen.buffer.size();
         if self.read.as_ref().is_none_or(|read| read.size() != size) {
             let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;

@@ -124,6 +124,9 @@ impl Rounds {
         self.list.clear();
         self.waiting.clear();
         self.kept.clear();
+        // A frame before that was not complete leaves these.
+        self.asked.clear();
+        self.gone.clear();
         if !subject.is_still {
             self.known.clear();
         }
@@ -265,11 +268,9 @@ impl Rounds {
     fn draw_all_that_is_left(&mut self) {
         let mut left: Vec<NodeId> = self.list.drain().map(|Reverse(entry)| entry.node).collect();
         left.append(&mut self.waiting);
-        for node in left {
-            let mut leaves = Vec::new();
-            self.tree.each_leaf(node, &mut |leaf| leaves.push(leaf));
-            leaves.into_iter().for_each(|leaf| self.draw(leaf));
-        }
+        let mut leaves = Vec::new();
+        left.into_iter().for_each(|node| self.tree.each_leaf(node, &mut |leaf| leaves.push(leaf)));
+        leaves.into_iter().for_each(|leaf| self.draw(leaf));
     }
 
     fn begin_with_seen(&mut self, subject: &Subject<'_>, seen: &VisibleSet, (frame, retest_frames): (u32, u32)) {

@@ -352,3 +352,28 @@ fn no_pixel_changes_far_from_the_origins_of_objects() {
     }
     assert!(drawn < leaves * 2, "{drawn} of {leaves} twice");
 }
+
+#[test]
+fn a_frame_that_was_not_complete_leaves_no_trace() {
+    let Some(gpu) = gpu() else { return };
+    let scene = rooms();
+    let (mut plain, mut culled) = both(&gpu, &scene);
+    let mut numbers = Numbers(23);
+    let mut at = (DVec3::ZERO, DQuat::IDENTITY);
+    let (visible, missing) = (scene.all(), VisibleSet::default());
+    for occlusion in [Occlusion::Paper, Occlusion::Query] {
+        let mut planner = Planner::new().culling(occlusion);
+        for frame in 0..8 {
+            // Its first round is planned, with much asked for, and never drawn.
+            let look = walk(&mut numbers, frame, &mut at);
+            let views = [ViewInput { view: ViewId(4), projection: look.projection(), visible: &visible, missing: &missing }];
+            let asked = planner.begin(input(&culled, &scene, &look, &views, &|_| true)).passes[0].bounds.len();
+            assert!(asked > 0, "{occlusion}, frame {frame}");
+            let look = walk(&mut numbers, frame, &mut at);
+            let parts = (&scene, &look, &visible, &missing);
+            draw_with(&mut Planner::new(), &mut plain, parts, |_| {});
+            draw_with(&mut planner, &mut culled, parts, |_| {});
+            assert_same(&plain, &culled, &format!("{occlusion}, frame {frame}"));
+        }
+    }
+}
