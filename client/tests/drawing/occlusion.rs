@@ -372,8 +372,13 @@ fn a_frame_that_was_not_complete_leaves_no_trace() {
             let look = walk(&mut numbers, frame, &mut at);
             let parts = (&scene, &look, &visible, &missing);
             draw_with(&mut Planner::new(), &mut plain, parts, |_| {});
-            draw_with(&mut planner, &mut culled, parts, |_| {});
+            let drawn = draw_with(&mut planner, &mut culled, parts, |_| {}).leaves;
             assert_same(&plain, &culled, &format!("{occlusion}, frame {frame}"));
+            if occlusion == Occlusion::Paper {
+                // It knows nothing of frames before while something moves.
+                let anew = draw_with(&mut Planner::new().culling(occlusion), &mut culled, parts, |_| {}).leaves;
+                assert_eq!(drawn, anew, "{occlusion}, frame {frame}");
+            }
         }
     }
 }
