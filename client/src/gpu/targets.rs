@@ -33,18 +33,45 @@ pub struct Shown {
     pub(super) texture: wgpu::TextureView,
 }
 
-/// What the fragment shader knows of a view.
+/// Where light comes from, and how much of it.
+const TOWARDS_SUN: DVec3 = DVec3::new(0.3521, 0.8049, 0.4778);
+const SUN: f64 = 0.45;
+
+/// What the fragment shader knows of a view: see there.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct ViewUniform {
-    /// Rows x, y and w of `clip_from_offset`.
-    clip_rows: [[f32; 4]; 3],
-    /// Columns of `offset_from_clip` for (x, y, w).
-    ray_columns: [[f32; 4]; 3],
-    ndc_per_px: [f32; 2],
-    unused: [f32; 2],
+    row_1: [f32; 4],
+    row_2: [f32; 4],
+    from_sun: [f32; 4],
 }
-const _: () = assert!(size_of::<ViewUniform>() == 112);
+const _: () = assert!(size_of::<ViewUniform>() == 48);
+
+impl ViewUniform {
+    /// Of a projection whose picture is this large.
+    fn new(projection: &Projection, size_px: [u32; 2]) -> Self {
+        let clip_from_offset = [0, 1, 3].map(|row| projection.clip_from_offset.row(row).truncate());
+        let offset_from_clip = DMat3::from_cols_array_2d(&clip_from_offset.map(|row| row.to_array())).transpose().inverse();
+        let [width, height] = size_px.map(f64::from);
+        // Columns of offset_from_pixel: the ray of a pixel is their sum weighted by (x, y, 1).
+        let (right, down) = (offset_from_clip.x_axis * (2.0 / width), offset_from_clip.y_axis * (-2.0 / height));
+        let corner = offset_from_clip.z_axis - offset_from_clip.x_axis + offset_from_clip.y_axis;
+        let first = right.normalize();
+        let second = down.reject_from_normalized(first).normalize();
+        let across = first.cross(second);
+        let third = if corner.dot(across) < 0.0 { -across } else { across };
+        let depth = corner.dot(third);
+        let [r11, r12, r13] = [right, down, corner].map(|column| column.dot(first) / depth);
+        let [r22, r23] = [down, corner].map(|column| column.dot(second) / depth);
+        let from_sun = [first, second, third].map(|axis| -SUN * TOWARDS_SUN.dot(axis));
+        let narrow = |row: [f64; 4]| row.map(|number| number as f32);
+        Self {
+            row_1: narrow([r11, r12, r13, 1.0 / r11]),
+            row_2: narrow([r22, r23, 1.0 / r22, 0.0]),
+            from_sun: narrow([from_sun[0], from_sun[1], from_sun[2], 0.0]),
+        }
+    }
+}
 
 /// The textures of one view.
 pub(super) struct Target {
@@ -112,16 +139,7 @@ impl Target {
     }
 
     pub fn write_uniform(&self, gpu: &Gpu, projection: &Projection) {
-        let rows = [0, 1, 3].map(|row| projection.clip_from_offset.row(row).truncate());
-        let offset_from_clip = DMat3::from_cols_array_2d(&rows.map(|r| r.to_array())).transpose().inverse();
-        let column = |v: DVec3| v.as_vec3().extend(0.0).to_array();
-        let [width, height] = self.size_px.map(|edge| edge as f32);
-        let uniform = ViewUniform {
-            clip_rows: rows.map(column),
-            ray_columns: [offset_from_clip.x_axis, offset_from_clip.y_axis, offset_from_clip.z_axis].map(column),
-            ndc_per_px: [2.0 / width, -2.0 / height],
-            unused: [0.0; 2],
-        };
+        let uniform = ViewUniform::new(projection, self.size_px);
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }
 

@@ -5,18 +5,16 @@
 // affine over a planar triangle's pixels (1/w and products with it), whose derivatives are the same everywhere on
 // the triangle, however pixels fall into quads.
 
+// Of a view. Its axes are orthonormal: the first along the picture's rows, the second in its plane, the third into the picture. In them the
+// ray through pixel (x, y) is (x r11 + y r12 + r13, y r22 + r23, 1). So few numbers, since to read one costs a software renderer more than
+// to reckon with it.
 struct View {
-    // Rows x, y and w of clip_from_offset; offsets are in world axes from the eye.
-    clip_x: vec4f,
-    clip_y: vec4f,
-    clip_w: vec4f,
-    // Columns of offset_from_clip for (x, y, w): the ray of a pixel is their sum weighted by (ndc x, ndc y, 1).
-    ray_x: vec4f,
-    ray_y: vec4f,
-    ray_1: vec4f,
-    // Change of ndc from a pixel to the next, right and down.
-    ndc_per_px: vec2f,
-    unused: vec2f,
+    // r11, r12, r13 and the inverse of r11.
+    row_1: vec4f,
+    // r22, r23, the inverse of r22.
+    row_2: vec4f,
+    // Away from the sun, SUN long.
+    from_sun: vec4f,
 }
 
 @group(0) @binding(0) var<uniform> view: View;
@@ -28,9 +26,9 @@ struct View {
 @group(2) @binding(1) var first_ids: texture_2d<u32>;
 
 const AMBIENT: f32 = 0.25;
-const SUN: f32 = 0.45;
 const HEAD: f32 = 0.30;
-const TOWARDS_SUN: vec3f = vec3f(0.3521, 0.8049, 0.4778);
+// Below any squared 1/w: what is farther has no normal.
+const LEAST_NORMAL: f32 = 1e-36;
 // log2 of the squared footprint of a texel below which magnification is certain.
 const LEAST_FOOTPRINT: f32 = 1e-12;
 
@@ -46,13 +44,12 @@ struct Vertex {
 
 struct Fragment {
     @builtin(position) @invariant position: vec4f,
-    // Texture coordinates and w of the clip position.
-    @location(0) uv_w: vec3f,
+    @location(0) uv: vec2f,
+    // Of the vertex and the leaf.
     @location(1) color: vec4f,
     // Of the leaf: from here all is read from instances, for a lookup in a buffer costs a software renderer a loop over pixels.
-    @location(2) @interpolate(flat) base_color: vec4f,
-    @location(3) @interpolate(flat) leaf: u32,
-    @location(4) @interpolate(flat) alpha_cutoff: f32,
+    @location(2) @interpolate(flat) leaf: u32,
+    @location(3) @interpolate(flat) alpha_cutoff: f32,
 }
 
 struct Pixel {
@@ -64,25 +61,23 @@ struct Pixel {
 @vertex
 fn vertex(in: Vertex) -> Fragment {
     let clip = clip_from_local[in.leaf.x] * vec4f(in.position, 1.0);
-    return Fragment(clip, vec3f(in.uv, clip.w), in.color, in.base_color, in.leaf.y, in.alpha_cutoff);
+    return Fragment(clip, in.uv, in.color * in.base_color, in.leaf.y, in.alpha_cutoff);
 }
 
 // Share of the light that the fragment's triangle sends back.
 //
-// Over a plane, 1/w = a x + b y + c in ndc. With p the offset from the eye, 1 = (a clip_x + b clip_y + c clip_w)·p,
-// so that the bracket is the plane's normal, turned away from the eye.
+// The offset from the eye is w times the ray, so that over a plane m·ray = 1/w, where m is along its normal, turned away from the eye.
+// As 1/w changes by m1 r11 from a pixel to the next, and by m1 r12 + m2 r22 to the one below, m follows from its derivatives.
 fn light(in: Fragment) -> f32 {
-    let w = in.uv_w.z;
-    let over_w = 1.0 / w;
-    let ndc = in.position.xy * view.ndc_per_px + vec2f(-1.0, 1.0);
-    let a = dpdx(over_w) / view.ndc_per_px.x;
-    let b = dpdy(over_w) / view.ndc_per_px.y;
-    let c = over_w - a * ndc.x - b * ndc.y;
-    let away = w * (a * view.clip_x.xyz + b * view.clip_y.xyz + c * view.clip_w.xyz);
-    let ray = normalize(ndc.x * view.ray_x.xyz + ndc.y * view.ray_y.xyz + view.ray_1.xyz);
-    let length_squared = dot(away, away);
-    let normal = select(-ray, -away * inverseSqrt(length_squared), length_squared > 0.0);
-    return AMBIENT + SUN * max(dot(normal, TOWARDS_SUN), 0.0) + HEAD * max(dot(normal, -ray), 0.0);
+    let over_w = in.position.w;
+    let at = in.position.xy;
+    let m1 = dpdx(over_w) * view.row_1.w;
+    let m2 = (dpdy(over_w) - m1 * view.row_1.y) * view.row_2.z;
+    let ray = vec3f(at.x * view.row_1.x + at.y * view.row_1.y + view.row_1.z, at.y * view.row_2.x + view.row_2.y, 1.0);
+    let away = vec3f(m1, m2, over_w - m1 * ray.x - m2 * ray.y);
+    let per_length = inverseSqrt(max(dot(away, away), LEAST_NORMAL));
+    let sun = max(dot(away, view.from_sun.xyz) * per_length, 0.0);
+    return AMBIENT + sun + HEAD * over_w * per_length * inverseSqrt(dot(ray, ray));
 }
 
 // Whether the base colour has a texture.
@@ -90,20 +85,19 @@ override is_textured: bool = true;
 
 // Base colour before light. The level of detail is isotropic, of the larger of the two footprints.
 fn base_color(in: Fragment) -> vec4f {
-    let factor = in.color * in.base_color;
     if !is_textured {
-        return factor;
+        return in.color;
     }
-    let uv = in.uv_w.xy;
-    let w = in.uv_w.z;
-    let over_w = 1.0 / w;
+    let uv = in.uv;
+    let over_w = in.position.w;
+    let w = 1.0 / over_w;
     let uv_over_w = uv * over_w;
     let size = vec2f(textureDimensions(base_color_texture));
     let across = (dpdx(uv_over_w) - uv * dpdx(over_w)) * w * size;
     let down = (dpdy(uv_over_w) - uv * dpdy(over_w)) * w * size;
     let footprint = max(max(dot(across, across), dot(down, down)), LEAST_FOOTPRINT);
     let texel = textureSampleLevel(base_color_texture, base_color_sampler, uv, 0.5 * log2(footprint));
-    return texel * factor;
+    return texel * in.color;
 }
 
 // Depth, rounded away from the eye to 1/32768 of itself.
