@@ -6,4 +6,5 @@ mod culling;
 mod fixture;
 mod looks;
 mod occlusion;
+mod several;
 mod unit;

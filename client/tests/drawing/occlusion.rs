@@ -7,7 +7,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use mullion_client::frame::{FrameInput, FramePlan, PassResult, Planner, ViewInput};
 use mullion_client::gpu::{Gpu, GpuError, GpuOptions, Optional, Renderer};
 use mullion_client::missing::WhenMissing;
-use mullion_client::occlusion::Occlusion;
+use mullion_client::occlusion::{BoxTest, Occlusion};
 use mullion_common::scene::{AlphaMode, Material, ObjectId};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::ViewId;
@@ -240,6 +240,41 @@ fn no_pixel_changes_whatever_is_drawn_first() {
         });
         assert_same(&plain, &culled, &format!("look {frame}"));
     }
+}
+
+#[test]
+fn the_pyramid_drops_nothing_of_which_a_pixel_is_seen() {
+    let Some(gpu) = gpu() else { return };
+    let scene = rooms();
+    let visible = scene.all();
+    let mut numbers = Numbers(29);
+    let (mut seen, mut hidden) = (0, 0);
+    // Odd edges at every level, one pixel, a row, a power of two.
+    for size_px in [[143, 91], [1, 1], [517, 3], [2, 255], [64, 128]] {
+        let mut renderer = renderer(&gpu, &scene, size_px);
+        for look in 0..12 {
+            let mut at = (DVec3::ZERO, DQuat::IDENTITY);
+            let look = Look { size_px, ..walk(&mut numbers, look * 9, &mut at) };
+            let first = visible.leaves().filter(|_| numbers.next().is_multiple_of(3));
+            let first = VisibleSet::from_ranges(first.map(|leaf| LeafRange::new(leaf, leaf + 1)));
+            let parts = (&scene, &look, &visible, &VisibleSet::default());
+            let [(drawn, ids), (sifted, _)] = [BoxTest::Drawn, BoxTest::Sifted].map(|test| {
+                let mut planner = Planner::new().culling(Occlusion::Hiz);
+                let result = draw_with(&mut planner, &mut renderer, parts, |plan| {
+                    (plan.passes[0].first, plan.passes[0].test) = (Some(first.clone()), test);
+                });
+                (result.seen.expect("culling"), renderer.read_leaves(ViewId(4)).expect("read"))
+            });
+            // Drawn boxes are taken to be nearer where they are steep: a few more are seen, of which there is no pixel.
+            let mut dropped = VisibleSet::default();
+            drawn.difference_into(&sifted, &mut dropped);
+            assert!(drawn.is_superset_of(&sifted) && dropped.len() * 10 < drawn.len(), "{size_px:?}: {dropped:?} of {drawn:?}");
+            let has_pixel = |leaf: u32| ids.contains(&(leaf + 1));
+            assert!(!dropped.leaves().any(has_pixel), "{size_px:?}: {dropped:?}");
+            (seen, hidden) = (seen + drawn.len(), hidden + visible.len() - drawn.len());
+        }
+    }
+    assert!(seen > 1000 && hidden > 1000, "{seen} seen, {hidden} hidden");
 }
 
 #[test]
