@@ -16,7 +16,7 @@ use super::queries::Queries;
 use super::targets::{COLOR_FORMAT, DEPTH_FORMAT, IDS_FORMAT, Target, texture, view_of};
 use super::test_box::TestBox;
 use super::timer::{Pass, Timer};
-use crate::occlusion::BoxTest;
+use crate::occlusion::{BoxTest, DEPTH_SLACK};
 
 const WORKGROUP: u32 = 64;
 /// Corners of the triangles of a box.
@@ -32,6 +32,7 @@ struct Work {
     phase: u32,
     unused: u32,
 }
+const _: () = assert!(size_of::<Work>() == 16);
 
 /// What tests boxes.
 pub(super) struct BoxTester {
@@ -113,7 +114,7 @@ impl BoxTester {
             all: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::All),
             chosen: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::Chosen),
             queried: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::Queried),
-            release: compute(device, &release, "release", &[&released_layout], &[]),
+            release: compute(device, &release, "release", &[&released_layout], &[("DEPTH_SLACK", DEPTH_SLACK)]),
             first_layout,
             drawn_layout,
             sifted_layout,
@@ -386,7 +387,7 @@ fn boxes_pipeline(gpu: &Gpu, drawn: &wgpu::BindGroupLayout, first: &wgpu::BindGr
         bias: wgpu::DepthBiasState { constant: 0, slope_scale: 1.0, clamp: 0.0 },
     };
     let compilation_options = wgpu::PipelineCompilationOptions {
-        constants: &[("is_sifted", f64::from(u8::from(boxes == Boxes::Chosen)))],
+        constants: &[("is_sifted", f64::from(u8::from(boxes == Boxes::Chosen))), ("DEPTH_SLACK", DEPTH_SLACK)],
         ..Default::default()
     };
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {

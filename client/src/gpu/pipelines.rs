@@ -9,6 +9,7 @@ use super::bindings::pipeline_layout;
 use super::device::Gpu;
 use super::draws::Instance;
 use super::targets::{Attachments, COLOR_FORMAT, DEPTH_FORMAT, IDS_FORMAT};
+use crate::occlusion::ROUNDED_BITS;
 
 /// What a pipeline does with alpha.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -199,7 +200,10 @@ fn pipeline(
             module,
             entry_point: Some(entry_point),
             compilation_options: wgpu::PipelineCompilationOptions {
-                constants: &[("is_textured", f64::from(u8::from(surface == Surface::Textured)))],
+                constants: &[
+                    ("is_textured", f64::from(u8::from(surface == Surface::Textured))),
+                    ("ROUNDED_BITS", f64::from(ROUNDED_BITS)),
+                ],
                 ..Default::default()
             },
             targets,

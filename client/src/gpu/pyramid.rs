@@ -8,6 +8,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::bindings::{Kind, bind, compute, layout, module};
 use super::device::Gpu;
+use crate::occlusion::DEPTH_SLACK;
 
 /// Most levels: pictures of up to 65 536 pixels along an edge.
 const MAX_LEVELS: usize = 16;
@@ -23,6 +24,7 @@ struct Step {
     made: [u32; 3],
     unused_too: u32,
 }
+const _: () = assert!(size_of::<Step>() == 32);
 
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
@@ -32,6 +34,7 @@ struct Extent {
     unused: u32,
     table: [[u32; 4]; MAX_LEVELS],
 }
+const _: () = assert!(size_of::<Extent>() == 16 + 16 * MAX_LEVELS);
 
 /// Where each level begins in the buffer, its width and its height, from level 1 on.
 pub(super) fn levels(size_px: [u32; 2]) -> Vec<[u32; 3]> {
@@ -75,7 +78,7 @@ impl PyramidMaker {
         Self {
             first_level: compute(device, &pyramid, "reduce", &reduces, &[("of_picture", 1.0)]),
             next_level: compute(device, &pyramid, "reduce", &reduces, &[("of_picture", 0.0)]),
-            sift: compute(device, &sift, "sift", &[boxes_layout, &extent_layout], &[]),
+            sift: compute(device, &sift, "sift", &[boxes_layout, &extent_layout], &[("DEPTH_SLACK", DEPTH_SLACK)]),
             step_layout,
             extent_layout,
         }

@@ -36,6 +36,11 @@ pub enum Occlusion {
     Hiz,
 }
 
+/// Bits of a depth's mantissa that rounding leaves free, and that tell rounds apart whose depths tie.
+pub const ROUNDED_BITS: u32 = 8;
+/// By how much of itself a box's depth is taken nearer: more than what interpolation in `f32` may be off between it and what it holds.
+pub const DEPTH_SLACK: f64 = 1.0 + 1.0 / 16384.0;
+
 /// How boxes are tested against what is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BoxTest {

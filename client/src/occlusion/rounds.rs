@@ -8,6 +8,7 @@ use mullion_common::geometry::Aabb;
 use mullion_common::scene::{LeafRecord, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
+use super::ROUNDED_BITS;
 use super::tree::{NodeId, VisibleTree};
 use crate::frame::{Bound, Times};
 
@@ -15,8 +16,9 @@ use crate::frame::{Bound, Times};
 const DEPTH_LIST_BOUNDS: usize = 32;
 /// Most bounds of a round of queries: as many as a set of them holds.
 pub const MAX_QUERIES: usize = 4096;
-/// After so many rounds all that is left is drawn: between rounds, depths that tie are told apart by bits of which there are 8.
+/// After so many rounds all that is left is drawn: between rounds, depths that tie are told apart by as many bits.
 const MAX_ROUNDS: u32 = 200;
+const _: () = assert!(MAX_ROUNDS < 1 << ROUNDED_BITS);
 
 /// How the rounds go.
 #[derive(Clone, Copy, Debug, PartialEq)]

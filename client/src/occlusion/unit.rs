@@ -16,12 +16,12 @@ use glam::{DAffine3, DMat4, DVec2, DVec3, DVec4};
 use mullion_common::geometry::Aabb;
 use mullion_common::wall::Projection;
 
+use super::DEPTH_SLACK;
+
 /// Steps of corners in a pixel: those to which GPUs round, with 8 bits, as all common ones do.
 pub const SUBPIXELS: i32 = 256;
 /// What a polygon has at most: ten of a box that the near plane cuts, one more for each edge of the tile, and four from growing.
 pub const MAX_CORNERS: usize = 18;
-/// By how much of itself depth is taken nearer: as in the test of boxes, more than what interpolation in `f32` may be off.
-pub const DEPTH_SLACK: f64 = 1.0 + 1.0 / 16384.0;
 /// Pixels around the tile within which polygons are clipped, so that edges of the tile are none of theirs.
 pub const GUARD_PX: i32 = 1;
 

@@ -15,7 +15,7 @@ struct Box {
 }
 
 // Interpolated depths of a box and of what it holds differ by the last bits: a box that is hidden by less than this share is seen.
-const DEPTH_SLACK: f32 = 1.0 + 1.0 / 16384.0;
+override DEPTH_SLACK: f32;
 
 // What is known of all boxes.
 struct Work {

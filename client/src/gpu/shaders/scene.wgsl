@@ -108,7 +108,7 @@ fn base_color(in: Fragment) -> vec4f {
 // 8 bits: in a picture of nothing but faces given twice, 7 % of a wall's pixels differed from one picture of it without
 // rounding, 0.2 % with; each bit halves them (client/tests/drawing/culling.rs). On a car of touching bricks it was 1.2 % and
 // 0.02 %. The price is that faces closer than 0.3 mm at 10 m are one.
-const ROUNDED_BITS: u32 = 8u;
+override ROUNDED_BITS: u32;
 
 fn rounded_depth(in: Fragment) -> f32 {
     return bitcast<f32>((bitcast<u32>(in.position.z) >> ROUNDED_BITS) << ROUNDED_BITS);
