@@ -32,8 +32,6 @@ pub struct Drawn {
     pub triangles: u64,
     /// Boxes that were tested or counted.
     pub tests: u32,
-    /// Leaves whose boxes were seen, where one round told of all.
-    pub seen: Option<VisibleSet>,
     /// How long the GPU was drawing, where it has a clock and something was tested.
     pub draw_us: Option<f64>,
     /// And how long it was testing.
@@ -74,11 +72,10 @@ impl Drawn {
     /// What is first is drawn whatever is found of it. Without tests of boxes, all that was planned is.
     fn note(&mut self, pass: &PassPlan, result: &PassResult) {
         let mut add = |ranges: &[LeafRange]| ranges.iter().for_each(|range| self.leaves.push_unordered(*range));
-        if let (Some(first), Some(seen)) = (&pass.first, &result.seen) {
+        if let (Some(first), Some(_)) = (&pass.first, &result.seen) {
             add(first.ranges());
-            add(seen.ranges());
+            add(result.late.ranges());
             self.tests += pass.opaque.len() + pass.blended.len() as u32;
-            self.seen = Some(seen.clone());
         } else {
             add(pass.opaque.ranges());
             pass.blended.iter().for_each(|leaf| add(&[LeafRange::new(*leaf, leaf + 1)]));

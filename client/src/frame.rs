@@ -120,8 +120,11 @@ pub struct PassResult {
     pub hidden_triangles: u64,
     /// Runs of leaves drawn with one state.
     pub batches: u32,
-    /// With occlusion culling all leaves whose boxes are seen beyond those that were drawn at once, these among them.
+    /// With occlusion culling what the next frame had better begin with: leaves of which there is a pixel with [`BoxTest::Sifted`], else, and
+    /// blended ones, leaves whose boxes are seen beyond what was drawn at once.
     pub seen: Option<VisibleSet>,
+    /// And of what waited, what was drawn.
+    pub late: VisibleSet,
     /// Of each of the plan's bounds whether it is seen beyond what is drawn.
     pub bounds_seen: Vec<bool>,
     /// Of each of the plan's footprints.
@@ -369,6 +372,7 @@ mod tests {
             hidden_triangles: 0,
             batches: 2,
             seen: None,
+            late: VisibleSet::default(),
             bounds_seen: Vec::new(),
             counts: Vec::new(),
             times: None,

@@ -4,7 +4,7 @@ use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::device::GpuError;
 use super::occlusion::{BoxTester, Buffers, First};
-use super::pipelines::Turn;
+use super::pipelines::{Coverage, Turn};
 use super::renderer::{Load, Renderer};
 use super::test_box::{Grower, LocalScale, TestBox};
 use super::timer::Pass;
@@ -22,19 +22,25 @@ pub(super) struct Culling {
     pub seen: Vec<u32>,
 }
 
+/// What the GPU says of a draw.
+const BOX_IS_SEEN: u32 = 1;
+const HAS_PIXEL: u32 = 2;
+
 /// A draw whose box was tested, or need not be.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tested {
     leaf: u32,
     triangles: u32,
     is_late: bool,
-    /// Whatever the GPU says of its box.
+    /// Whatever the GPU says of it.
     is_seen: bool,
+    /// Whether its pixels can be looked for: blended leaves leave no ids.
+    has_id: bool,
 }
 
 impl Renderer {
     /// Makes what a target needs to be drawn with occlusion culling, once. The GPU must be one that can.
-    pub(super) fn prepare_culling(&mut self, at: usize) {
+    pub(super) fn prepare_culling(&mut self, at: usize) -> Result<(), GpuError> {
         if self.culling.tester.is_none() {
             let tester = BoxTester::new(&self.gpu);
             if let Some(tester) = &tester {
@@ -42,10 +48,12 @@ impl Renderer {
             }
             self.culling.tester = tester;
         }
-        if let Some(tester) = &self.culling.tester {
+        if let Some(tester) = &mut self.culling.tester {
             let target = &mut self.targets[at];
             target.first.get_or_insert_with(|| First::new(&self.gpu, tester, target.size_px));
+            tester.glancer.reserve(&self.gpu, self.manifest.leaves.len())?;
         }
+        Ok(())
     }
 
     /// Draws one pass of a target that is prepared. All that is listed counts as drawn until [`Renderer::note_seen`].
@@ -59,6 +67,8 @@ impl Renderer {
         self.encode_tests(at, &mut encoder, pass.test, true);
         let late = late_batches..self.list.batches.len();
         self.encode(&self.targets[at], &mut encoder, (Load::Keep, Some(Pass::Second)), late);
+        self.encode_glance(at, &mut encoder, pass.test);
+        self.encode_answers(at, &mut encoder);
         self.encode_times(at, &mut encoder, 2);
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         Ok(self.result(pass))
@@ -75,8 +85,27 @@ impl Renderer {
     /// Tests the boxes that were handed over for a target.
     pub(super) fn encode_tests(&mut self, at: usize, encoder: &mut wgpu::CommandEncoder, test: BoxTest, have_late: bool) {
         let Some(tester) = &self.culling.tester else { return };
-        let buffers = Buffers { records: &self.buffers.records, arguments: &self.buffers.arguments, have_late };
+        let picture = if test == BoxTest::Sifted { self.picture() } else { 0 };
+        let buffers = Buffers { records: &self.buffers.records, arguments: &self.buffers.arguments, have_late, picture };
         tester.encode(&self.gpu, encoder, &mut self.targets[at], buffers, test);
+    }
+
+    /// Looks for leaves that have a pixel.
+    fn encode_glance(&mut self, at: usize, encoder: &mut wgpu::CommandEncoder, test: BoxTest) {
+        let picture = self.picture();
+        if let (BoxTest::Sifted, Some(tester)) = (test, &self.culling.tester) {
+            tester.encode_glance(&self.gpu, encoder, &mut self.targets[at], picture);
+        }
+    }
+
+    /// What this pass's picture is called among leaves that have a pixel: never 0.
+    fn picture(&self) -> u32 {
+        (self.pass as u32).max(1)
+    }
+
+    /// Fetches what came of all tests.
+    pub(super) fn encode_answers(&self, at: usize, encoder: &mut wgpu::CommandEncoder) {
+        self.targets[at].first.as_ref().inspect(|first| first.fetch(encoder));
     }
 
     pub(super) fn encode_times(&self, at: usize, encoder: &mut wgpu::CommandEncoder, passes: u32) {
@@ -85,23 +114,30 @@ impl Renderer {
     }
 
     /// Waits until a target is drawn, takes what was not from its result, and tells what is seen.
-    pub(super) fn note_seen(&mut self, at: usize, result: &mut PassResult) -> Result<(), GpuError> {
+    pub(super) fn note_seen(&mut self, at: usize, test: BoxTest, result: &mut PassResult) -> Result<(), GpuError> {
+        let by_pixels = test == BoxTest::Sifted;
         let Some(first) = &mut self.targets[at].first else { return Ok(()) };
         let times = first.read_seen(&self.gpu, &mut self.culling.seen)?;
         result.times = times.map(|[first, tested, all]| Times { draw_us: first + all - tested, test_us: tested - first });
-        let mut seen = VisibleSet::default();
+        let (mut seen, mut late) = (VisibleSet::default(), VisibleSet::default());
         for (tested, word) in first.tested.iter().zip(&self.culling.seen) {
-            let Some(tested) = tested else { continue };
-            if tested.is_seen || *word != 0 {
-                seen.push_unordered(LeafRange::new(tested.leaf, tested.leaf + 1));
-            } else if tested.is_late {
+            let Some(Tested { leaf, triangles, is_late, is_seen, has_id }) = *tested else { continue };
+            let leaves = LeafRange::new(leaf, leaf + 1);
+            let box_is_seen = is_seen || word & BOX_IS_SEEN != 0;
+            if is_seen || if by_pixels && has_id { word & HAS_PIXEL != 0 } else { box_is_seen } {
+                seen.push_unordered(leaves);
+            }
+            if is_late && box_is_seen {
+                late.push_unordered(leaves);
+            } else if is_late {
                 result.leaves -= 1;
-                result.triangles -= u64::from(tested.triangles);
-                result.hidden_triangles += u64::from(tested.triangles);
+                result.triangles -= u64::from(triangles);
+                result.hidden_triangles += u64::from(triangles);
             }
         }
         seen.normalize();
-        result.seen = Some(seen);
+        late.normalize();
+        (result.seen, result.late) = (Some(seen), late);
         Ok(())
     }
 
@@ -121,11 +157,12 @@ impl Renderer {
         begin
     }
 
-    /// The boxes of all that is listed; draws that wait for what comes of theirs are held back. Boxes in the place of leaves are drawn
+    /// The boxes of all that is listed, or that waits; draws that wait for what comes of theirs are held back. Boxes in the place of leaves are drawn
     /// whatever hides them.
     fn list_boxes_to_test(&mut self, at: usize, pass: &PassPlan, late_draws: u32) -> Vec<TestBox> {
         let target = &mut self.targets[at];
         let grower = Grower::new(&pass.projection, target.size_px);
+        let by_pixels = pass.test == BoxTest::Sifted;
         let mut boxes = std::mem::take(&mut self.culling.boxes);
         boxes.clear();
         let Some(first) = &mut target.first else { return boxes };
@@ -137,22 +174,28 @@ impl Renderer {
                 first.tested.push(None);
                 continue;
             }
+            let triangles = arguments.index_count / 3;
+            let is_late = draw >= late_draws;
+            if by_pixels && !is_late {
+                boxes.push(TestBox::none(draw).of_leaf(instance.leaf, is_late));
+                first.tested.push(Some(Tested { leaf: instance.leaf, triangles, is_late, is_seen: false, has_id: true }));
+                continue;
+            }
             let leaf = &self.manifest.leaves[instance.leaf as usize];
+            let has_id = self.materials.states[leaf.material.0 as usize].coverage != Coverage::Blended;
             let object = leaf.object.0 as usize;
             let (_, scale) = match scale {
                 Some(known) if known.0 == leaf.object.0 => known,
                 _ => *scale.insert((leaf.object.0, LocalScale::of(&self.transforms[object].affine()))),
             };
             let clip_from_local = glam::Mat4::from_cols_array(&self.list.records[instance.record as usize]);
-            let is_late = draw >= late_draws;
             let grown = grower.test(&leaf.local_aabb(), &clip_from_local, &scale);
             if let Some(grown) = grown {
-                let bounds = TestBox::new(grown, instance.record, draw, self.mirrored[object], is_late);
+                let bounds = TestBox::new(grown, instance.record, draw, self.mirrored[object]).of_leaf(instance.leaf, is_late);
                 boxes.push(bounds);
                 arguments.instance_count = u32::from(!is_late);
             }
-            let triangles = arguments.index_count / 3;
-            first.tested.push(Some(Tested { leaf: instance.leaf, triangles, is_late, is_seen: grown.is_none() }));
+            first.tested.push(Some(Tested { leaf: instance.leaf, triangles, is_late, is_seen: grown.is_none(), has_id }));
         }
         boxes
     }

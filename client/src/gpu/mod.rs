@@ -15,6 +15,7 @@ mod bindings;
 mod culled;
 mod device;
 mod draws;
+mod glance;
 mod occlusion;
 mod pipelines;
 mod present;

@@ -2,8 +2,9 @@
 //!
 //! ```text
 //! first draws → copies of depth and leaf ids → pyramid → sift → boxes → is_seen, a word for each → release: instance counts → late draws
+//!   → glance: leaves with a pixel → note: in the same words
 //! ```
-//! Conservative: something is taken for hidden only where its whole box is, and never where that reaches the near plane.
+//! Conservative: something that waits is taken for hidden only where its whole box is, and never where that reaches the near plane.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -11,6 +12,7 @@ use super::bindings::{Kind, bind, compute, layout, module, pipeline_layout};
 use super::culled::Tested;
 use super::device::{Gpu, GpuError};
 use super::draws::GrowingBuffer;
+use super::glance::Glancer;
 use super::pyramid::{Pyramid, PyramidMaker};
 use super::queries::Queries;
 use super::targets::{COLOR_FORMAT, DEPTH_FORMAT, IDS_FORMAT, Target, texture, view_of};
@@ -30,7 +32,7 @@ struct Work {
     /// Of how many spans of the picture one is looked at, and from which on.
     every: u32,
     phase: u32,
-    unused: u32,
+    picture: u32,
 }
 const _: () = assert!(size_of::<Work>() == 16);
 
@@ -46,7 +48,9 @@ pub(super) struct BoxTester {
     /// Without a shader that notes what is seen.
     queried: wgpu::RenderPipeline,
     release: wgpu::ComputePipeline,
+    note: wgpu::ComputePipeline,
     pyramids: PyramidMaker,
+    pub glancer: Glancer,
 }
 
 /// A view's part in it.
@@ -67,7 +71,9 @@ pub(super) struct First {
     queries: Option<Queries>,
     is_queried: bool,
     /// Of which generations of their buffers.
-    groups: Option<([u64; 5], Groups)>,
+    groups: Option<([u64; 6], Groups)>,
+    /// Of which generation of what is noted by leaf.
+    glance: Option<(u64, wgpu::BindGroup)>,
     asked: u32,
     box_count: u32,
     pub timer: Option<Timer>,
@@ -106,7 +112,7 @@ impl BoxTester {
         );
         let sifted = [Kind::Read, Kind::Read, Kind::Uniform, Kind::Write, Kind::Write].map(|kind| (all, kind));
         let sifted_layout = layout(device, "sifted boxes", &sifted);
-        let released = [Kind::Read, Kind::Read, Kind::Write, Kind::Uniform].map(|kind| (all, kind));
+        let released = [Kind::Read, Kind::Write, Kind::Write, Kind::Uniform, Kind::Read].map(|kind| (all, kind));
         let released_layout = layout(device, "released draws", &released);
         let pyramids = PyramidMaker::new(device, &sifted_layout, &first_layout);
         let release = module(device, "release", concat!(include_str!("shaders/box.wgsl"), include_str!("shaders/release.wgsl")));
@@ -114,7 +120,9 @@ impl BoxTester {
             all: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::All),
             chosen: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::Chosen),
             queried: boxes_pipeline(gpu, &drawn_layout, &first_layout, Boxes::Queried),
+            note: compute(device, &release, "note", &[&released_layout], &[("DEPTH_SLACK", DEPTH_SLACK)]),
             release: compute(device, &release, "release", &[&released_layout], &[("DEPTH_SLACK", DEPTH_SLACK)]),
+            glancer: Glancer::new(gpu),
             first_layout,
             drawn_layout,
             sifted_layout,
@@ -141,7 +149,7 @@ impl BoxTester {
                 BoxTest::Sampled { every, phase } => (every, phase),
                 _ => (1, 0),
             };
-            let work = Work { boxes: first.box_count, every, phase, unused: 0 };
+            let work = Work { boxes: first.box_count, every, phase, picture: buffers.picture };
             gpu.queue.write_buffer(&first.work, 0, bytemuck::bytes_of(&work));
             first.bind(gpu, self, &buffers);
             let Some((_, groups)) = &first.groups else { return };
@@ -162,9 +170,25 @@ impl BoxTester {
             pass.set_bind_group(0, &groups.released, &[]);
             pass.dispatch_workgroups(first.box_count.div_ceil(WORKGROUP), 1, 1);
         }
-        if let Some(read) = first.read.as_ref().filter(|_| first.asked > 0) {
-            encoder.copy_buffer_to_buffer(&first.seen.buffer, 0, read, 0, u64::from(first.asked) * 4);
+    }
+
+    /// Notes of all that was handed over for a target which leaves have a pixel in its picture, by that picture's number.
+    pub fn encode_glance(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, target: &mut Target, picture: u32) {
+        let (Some(first), Some((_, ids))) = (&mut target.first, &target.ids) else { return };
+        if first.box_count == 0 {
+            return;
         }
+        let size_px = target.size_px;
+        let last_seen = &self.glancer.last_seen;
+        if first.glance.as_ref().is_none_or(|(bound, _)| *bound != last_seen.generation) {
+            first.glance = Some((last_seen.generation, self.glancer.bind(gpu, ids)));
+        }
+        let (Some((_, glance)), Some((_, groups))) = (&first.glance, &first.groups) else { return };
+        let mut pass = encoder.begin_compute_pass(&compute_pass("glance"));
+        self.glancer.encode(gpu, &mut pass, glance, (picture, size_px));
+        pass.set_pipeline(&self.note);
+        pass.set_bind_group(0, &groups.released, &[]);
+        pass.dispatch_workgroups(first.box_count.div_ceil(WORKGROUP), 1, 1);
     }
 
     fn sift(&self, encoder: &mut wgpu::CommandEncoder, first: &First, groups: &Groups) {
@@ -240,6 +264,8 @@ pub(super) struct Buffers<'a> {
     pub arguments: &'a GrowingBuffer,
     /// Whether draws wait for what comes of their boxes.
     pub have_late: bool,
+    /// The number of the picture in which pixels are looked for; 0: of what was drawn boxes are tested, too.
+    pub picture: u32,
 }
 
 impl First {
@@ -270,11 +296,19 @@ impl First {
             queries: None,
             is_queried: false,
             groups: None,
+            glance: None,
             asked: 0,
             box_count: 0,
             timer: Timer::new(gpu),
             tested: Vec::new(),
             untested: Vec::new(),
+        }
+    }
+
+    /// Fetches what came of all that was asked for.
+    pub fn fetch(&self, encoder: &mut wgpu::CommandEncoder) {
+        if let Some(read) = self.read.as_ref().filter(|_| self.asked > 0) {
+            encoder.copy_buffer_to_buffer(&self.seen.buffer, 0, read, 0, u64::from(self.asked) * 4);
         }
     }
 
@@ -306,17 +340,20 @@ impl First {
 
     /// Binds all buffers, anew where one was replaced.
     fn bind(&mut self, gpu: &Gpu, tester: &BoxTester, buffers: &Buffers<'_>) {
-        let generations = [buffers.records, buffers.arguments, &self.boxes, &self.seen, &self.chosen].map(|b| b.generation);
+        let last_seen = &tester.glancer.last_seen;
+        let generations =
+            [buffers.records, buffers.arguments, &self.boxes, &self.seen, &self.chosen, last_seen].map(|b| b.generation);
         if self.groups.as_ref().is_some_and(|(bound, _)| *bound == generations) {
             return;
         }
         let (records, arguments) = (buffers.records.buffer.as_entire_binding(), buffers.arguments.buffer.as_entire_binding());
         let [boxes, seen, chosen] = [&self.boxes, &self.seen, &self.chosen].map(|b| b.buffer.as_entire_binding());
         let (work, draw) = (self.work.as_entire_binding(), self.chosen_draw.as_entire_binding());
+        let last_seen = last_seen.buffer.as_entire_binding();
         let groups = Groups {
             drawn: bind(gpu, &tester.drawn_layout, &[&records, &boxes, &seen, &work, &chosen].map(Clone::clone)),
             sifted: bind(gpu, &tester.sifted_layout, &[&records, &boxes, &work, &chosen, &draw].map(Clone::clone)),
-            released: bind(gpu, &tester.released_layout, &[&boxes, &seen, &arguments, &work].map(Clone::clone)),
+            released: bind(gpu, &tester.released_layout, &[&boxes, &seen, &arguments, &work, &last_seen].map(Clone::clone)),
         };
         self.groups = Some((generations, groups));
     }

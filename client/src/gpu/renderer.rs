@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::DAffine3;
 use mullion_common::scene::{ChunkId, ChunkKind, LeafRecord, ObjectId, SceneManifest, Transform};
+use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 
 use super::arena::{Arena, Slot};
@@ -179,13 +180,13 @@ impl Renderer {
             let at = self.targets.iter().position(|t| t.view == pass.view).ok_or(GpuError::UnknownView(pass.view.0))?;
             passes.push(match &pass.first {
                 Some(first) if can_cull && pass.opaque.len() as usize + pass.blended.len() <= MAX_CULLED => {
-                    self.prepare_culling(at);
+                    self.prepare_culling(at)?;
                     culled.push((passes.len(), at));
                     self.draw_culled(at, pass, first)?
                 }
                 None if pass.is_round() && !can_cull => return Err(GpuError::NoCulling),
                 None if pass.is_round() => {
-                    self.prepare_culling(at);
+                    self.prepare_culling(at)?;
                     culled.push((passes.len(), at));
                     self.draw_round(at, pass)?
                 }
@@ -194,7 +195,7 @@ impl Renderer {
         }
         for (result, at) in culled {
             match plan.passes[result].first {
-                Some(_) => self.note_seen(at, &mut passes[result])?,
+                Some(_) => self.note_seen(at, plan.passes[result].test, &mut passes[result])?,
                 None => self.note_bounds(at, &plan.passes[result], &mut passes[result])?,
             }
         }
@@ -251,6 +252,7 @@ impl Renderer {
             hidden_triangles: 0,
             batches: self.list.batches.len() as u32,
             seen: None,
+            late: VisibleSet::default(),
             bounds_seen: Vec::new(),
             counts: Vec::new(),
             times: None,

@@ -27,6 +27,7 @@ impl Renderer {
         self.encode(&self.targets[at], &mut encoder, (load, Some(Pass::Draws)), 0..self.list.batches.len());
         if !pass.bounds.is_empty() || !pass.footprints.is_empty() {
             self.encode_tests(at, &mut encoder, pass.test, false);
+            self.encode_answers(at, &mut encoder);
         }
         self.encode_times(at, &mut encoder, if box_count > 0 { 2 } else { 1 });
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
@@ -87,7 +88,7 @@ impl Renderer {
             };
             let clip_from_local = glam::Mat4::from_cols_array(&self.list.records[record as usize]);
             let grown = grower.test(&bounds, &clip_from_local, &scale);
-            boxes.extend(grown.map(|grown| TestBox::new(grown, record, number, is_mirrored, false)));
+            boxes.extend(grown.map(|grown| TestBox::new(grown, record, number, is_mirrored)));
             first.untested.push(grown.is_none());
         }
         boxes

@@ -133,7 +133,8 @@ impl Target {
         use wgpu::TextureUsages as Use;
         self.ids_are_new = is_culled || self.always_ids;
         if self.ids_are_new && self.ids.is_none() {
-            let ids = texture(gpu, "leaf ids", self.size_px, IDS_FORMAT, Use::RENDER_ATTACHMENT | Use::COPY_SRC);
+            let usage = Use::RENDER_ATTACHMENT | Use::COPY_SRC | Use::TEXTURE_BINDING;
+            let ids = texture(gpu, "leaf ids", self.size_px, IDS_FORMAT, usage);
             self.ids = Some((ids.clone(), view_of(&ids)));
         }
     }

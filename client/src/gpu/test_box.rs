@@ -18,7 +18,8 @@ pub(super) struct TestBox {
     draw: u32,
     is_mirrored: u32,
     is_late: u32,
-    unused: [u32; 2],
+    leaf: u32,
+    unused: u32,
 }
 const _: () = assert!(size_of::<TestBox>() == 48);
 
@@ -78,9 +79,19 @@ impl Grower {
 }
 
 impl TestBox {
-    /// A box of an object, by its place among the records. `draw`: what comes of it is said of that; `is_late`: and that waits for it.
-    pub fn new((min, max): (Vec3, Vec3), record: u32, draw: u32, is_mirrored: bool, is_late: bool) -> Self {
-        let (is_mirrored, is_late) = (u32::from(is_mirrored), u32::from(is_late));
-        Self { min: min.to_array(), record, max: max.to_array(), draw, is_mirrored, is_late, unused: [0; 2] }
+    /// A box of an object, by its place among the records. `draw`: what comes of it is said of that.
+    pub fn new((min, max): (Vec3, Vec3), record: u32, draw: u32, is_mirrored: bool) -> Self {
+        let is_mirrored = u32::from(is_mirrored);
+        Self { min: min.to_array(), record, max: max.to_array(), draw, is_mirrored, ..Self::zeroed() }
+    }
+
+    /// In the place of one that is not tested.
+    pub fn none(draw: u32) -> Self {
+        Self { draw, ..Self::zeroed() }
+    }
+
+    /// Of a leaf, whose draw waits for what comes of it if it is late.
+    pub fn of_leaf(self, leaf: u32, is_late: bool) -> Self {
+        Self { leaf, is_late: u32::from(is_late), ..self }
     }
 }

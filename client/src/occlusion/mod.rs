@@ -31,7 +31,7 @@ pub enum Occlusion {
     /// set. [`Planner::adaptive`](crate::frame::Planner::adaptive) says how; tiles do not offer it, for neighbours would decide
     /// differently about the same object.
     Adaptive,
-    /// What was seen in the last frame is drawn at once; boxes of all else are tested against a pyramid of its depths on the GPU, those that
+    /// What had a pixel in the last frame is drawn at once; boxes of all else are tested against a pyramid of its depths on the GPU, those that
     /// it leaves open are drawn against them, and what is seen is drawn after it. Where the GPU cannot, all is drawn.
     Hiz,
 }
@@ -47,7 +47,7 @@ pub enum BoxTest {
     /// They are drawn.
     #[default]
     Drawn,
-    /// Those are drawn that a pyramid of depths leaves open.
+    /// Of what waits, those are drawn that a pyramid of depths leaves open; and the picture tells of which leaves there is a pixel.
     Sifted,
     /// They are drawn, and every so many spans of the picture are looked at, from a phase on, less than that. Not conservative.
     #[allow(missing_docs)]

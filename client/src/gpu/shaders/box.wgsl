@@ -11,7 +11,8 @@ struct Box {
     is_mirrored: u32,
     // Not 0: the draw waits for what comes of this.
     is_late: u32,
-    unused: vec2u,
+    leaf: u32,
+    unused: u32,
 }
 
 // Interpolated depths of a box and of what it holds differ by the last bits: a box that is hidden by less than this share is seen.
@@ -23,5 +24,6 @@ struct Work {
     // Of how many spans of the picture one is looked at, and from which on.
     every: u32,
     phase: u32,
-    unused: u32,
+    // Not 0: boxes of what waits alone are tested, and pixels are looked for in the picture, which has this number.
+    picture: u32,
 }

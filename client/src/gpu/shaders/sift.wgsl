@@ -72,7 +72,8 @@ fn sift(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= work.boxes {
         return;
     }
-    if !is_hidden(boxes[id.x]) {
+    let bounds = boxes[id.x];
+    if (work.picture == 0u || bounds.is_late != 0u) && !is_hidden(bounds) {
         chosen[atomicAdd(&arguments[1], 1u)] = id.x;
     }
 }

@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use anyhow::Result;
 use image::RgbaImage;
-use mullion_client::frame::Planner;
-use mullion_client::gpu::{Attachments, Gpu, GpuError, Renderer, ViewTarget};
+use mullion_client::frame::{Bound, FramePlan, PassPlan, Planner};
+use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
 use mullion_client::occlusion::Occlusion;
 use mullion_common::camera_path::CameraPath;
 use mullion_common::scene::{AlphaMode, LeafRecord, Package};
@@ -193,26 +193,31 @@ impl<'a> Contest<'a> {
 
     /// Draws all that is in the frustum, in both ways, and tests all boxes against it.
     fn truth(&mut self, projection: &Projection, visible: &VisibleSet) -> Result<Truth> {
-        let scene = (VIEW, *projection, visible);
-        let seen = drawn::draw(&mut self.culled, &mut Planner::new().culling(Occlusion::Hiz), self.package, scene)?.seen;
-        let seen = seen.ok_or(GpuError::NoCulling)?;
-        let mut ids = self.culled.read_leaves(VIEW)?;
-        ids.sort_unstable();
-        ids.dedup();
-        let opaque = ids.into_iter().filter_map(|id| id.checked_sub(1));
-        // Blended leaves leave no ids: those count whose boxes are seen.
         let manifest = &self.package.scene.manifest;
         let is_blended = |leaf: &u32| {
             let material = manifest.leaves[*leaf as usize].material;
             manifest.materials[material.0 as usize].alpha == AlphaMode::Blend
         };
+        let mut pass = PassPlan::new(VIEW, *projection);
+        visible.leaves().filter(|leaf| !is_blended(leaf)).for_each(|leaf| pass.opaque.push(LeafRange::new(leaf, leaf + 1)));
+        pass.bounds.extend(visible.leaves().map(Bound::Leaf));
+        let results = self.culled.draw(&FramePlan { passes: vec![pass] })?;
+        let (mut seen, mut box_hidden) = (VisibleSet::default(), VisibleSet::default());
+        for (leaf, is_seen) in visible.leaves().zip(&results.passes[0].bounds_seen) {
+            let of = if *is_seen { &mut seen } else { &mut box_hidden };
+            of.push(LeafRange::new(leaf, leaf + 1));
+        }
+        // Of nothing there is no round, and no picture of ids.
+        let mut ids = if visible.is_empty() { Vec::new() } else { self.culled.read_leaves(VIEW)? };
+        ids.sort_unstable();
+        ids.dedup();
+        let opaque = ids.into_iter().filter_map(|id| id.checked_sub(1));
+        // Blended leaves leave no ids: those count whose boxes are seen.
         let leaves = opaque.chain(seen.leaves().filter(is_blended));
         let mut with_pixel = VisibleSet::default();
         leaves.for_each(|leaf| with_pixel.push_unordered(LeafRange::new(leaf, leaf + 1)));
         with_pixel.normalize();
-        let mut box_hidden = VisibleSet::default();
-        visible.difference_into(&seen, &mut box_hidden);
-        drawn::draw(&mut self.plain, &mut Planner::new(), self.package, scene)?;
+        drawn::draw(&mut self.plain, &mut Planner::new(), self.package, (VIEW, *projection, visible))?;
         Ok(Truth { with_pixel, box_hidden, picture: self.plain.read_color(VIEW)? })
     }
 }
