@@ -104,6 +104,7 @@ impl Growing {
             frames: None,
             sections: sections(&base, SceneSize::default(), &mut blobs).into(),
             insertions: vec![],
+            adaptive: None,
             session_seed: [7; 32],
         };
         let when_missing = [WhenMissing::Box, WhenMissing::Nothing][(seed % 2) as usize];

@@ -180,8 +180,16 @@ impl Sim {
         let start_nodes = if rng.chance(2) { (0..4).map(NodeIndex).collect() } else { vec![] };
         let barrier = BarrierOptions { wait: WAIT, start_wait: Duration::from_millis(500), start_nodes };
         let pace = if rng.chance(3) { Pace::AsFastAsPossible } else { Pace::Every(us(16_667)) };
-        let options =
-            MasterOptions { barrier, pace, first_frame: 0, frames: None, sections, insertions: vec![], session_seed: [7; 32] };
+        let options = MasterOptions {
+            barrier,
+            pace,
+            first_frame: 0,
+            frames: None,
+            sections,
+            insertions: vec![],
+            adaptive: None,
+            session_seed: [7; 32],
+        };
         let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name, setting)).collect();
         Self {
             seed,

@@ -16,6 +16,7 @@ struct Past {
     number: u64,
     /// By `ViewId`.
     sets: Vec<VisibleSet>,
+    dropped: VisibleSet,
 }
 
 #[derive(Debug)]
@@ -40,8 +41,8 @@ pub(super) struct History {
 }
 
 impl History {
-    /// Takes a frame. Allocates only while sets grow, or where an object moves for the first time.
-    pub fn push(&mut self, input: &FrameInput<'_>) {
+    /// Takes a frame, and what no view draws in it. Allocates only while sets grow, or where an object moves for the first time.
+    pub fn push(&mut self, input: &FrameInput<'_>, dropped: &VisibleSet) {
         let mut newest = if self.past.len() > BASE_WINDOW { self.past.pop_front() } else { None }.unwrap_or_default();
         newest.number = input.number;
         newest.sets.resize_with(input.sets.len(), VisibleSet::default);
@@ -49,6 +50,7 @@ impl History {
             kept.clear();
             set.ranges().iter().for_each(|range| kept.push(*range));
         }
+        newest.dropped.clone_from(dropped);
         self.past.push_back(newest);
         self.scene_time_s = input.scene_time_s;
         self.world_from_room = input.world_from_room;
@@ -111,6 +113,8 @@ impl History {
             out.leaves.between(base.map_or(&nothing, |base| &base.sets[view]), &newest.sets[view]);
             out.digest = newest.sets[view].digest();
         }
+        frame.dropped.between(base.map_or(&nothing, |base| &base.dropped), &newest.dropped);
+        frame.dropped_digest = newest.dropped.digest();
         frame.moved.clear();
         let is_news = |at: &&MovedAt| base.is_none_or(|base| at.frame > base.number);
         frame.moved.extend(self.moved.iter().filter(is_news).map(|at| at.moved));
