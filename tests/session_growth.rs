@@ -255,6 +255,7 @@ impl Growing {
                     assert!(n.uploaded.insert(chunk.0), "node {node}: a chunk is uploaded once");
                 }
                 Action::Evict(_) => panic!("there is room"),
+                Action::Count(..) => panic!("nobody asked for counts"),
                 Action::SetTransform(moved) => n.transforms[moved.object.0 as usize] = moved.transform,
                 Action::Draw(frame) => {
                     self.check(node, &frame);
