@@ -1,14 +1,15 @@
 //! Which objects are counted when, so that the master may find what hardly contributes to the wall's picture.
 //!
-//! In each view some objects every so many frames, as the welcome says: in turn those that the view sees, and every second time, where there
-//! are any, those of them that are dropped, so that these come back soon. What is counted is the picture of a frame that is ready.
+//! In each view some objects every so many frames, as the welcome says: those that it sees, in turn, and before them those of these that are
+//! dropped, in a turn of their own, so that they come back soon. What is counted is the picture of a frame that is ready.
 
-use mullion_common::scene::{LeafRecord, ObjectId};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wire::{Counted, MAX_COUNTED, ObjectCount};
 
 use super::*;
 
+/// Most objects counted a view and time that are dropped.
+const MAX_DROPPED_COUNTED: usize = MAX_COUNTED / 2;
 /// Leaves looked through for objects to count, at most, a view and time.
 const MAX_LEAVES_LOOKED_AT: usize = 4096;
 
@@ -38,7 +39,6 @@ struct Turns {
     due: Option<u64>,
     drawn: Turn,
     dropped: Turn,
-    was_dropped: bool,
 }
 
 /// A way through a set that changes, from object to object.
@@ -72,15 +72,12 @@ impl Counting {
             }
             turns.due = Some(frame.number + every);
             view.leaves.intersection_into(&frame.dropped, &mut self.dropped);
-            turns.was_dropped = !turns.was_dropped && !self.dropped.is_empty();
-            let (turn, set) = if turns.was_dropped {
-                (&mut turns.dropped, &self.dropped)
-            } else {
-                view.leaves.difference_into(&frame.dropped, &mut self.drawn);
-                (&mut turns.drawn, &self.drawn)
-            };
+            view.leaves.difference_into(&frame.dropped, &mut self.drawn);
             let mut objects = Vec::new();
-            turn.take(set, &manifest.leaves, manifest.transforms.len(), &mut objects);
+            turns.dropped.take(&self.dropped, manifest, MAX_DROPPED_COUNTED, &mut objects);
+            turns.drawn.take(&self.drawn, manifest, MAX_COUNTED, &mut objects);
+            objects.sort_unstable();
+            objects.dedup();
             if !objects.is_empty() {
                 orders.push(CountOrder { place, objects });
             }
@@ -89,25 +86,23 @@ impl Counting {
 }
 
 impl Turn {
-    /// Takes the next objects of a set; each once in a turn, which begins anew when the set is at its end.
-    fn take(&mut self, set: &VisibleSet, leaves: &[LeafRecord], object_count: usize, objects: &mut Vec<ObjectId>) {
-        self.taken.resize(object_count, 0);
+    /// Takes the next objects of a set, until there are so many; each once in a turn, which begins anew when the set is at its end.
+    fn take(&mut self, set: &VisibleSet, manifest: &SceneManifest, most: usize, objects: &mut Vec<ObjectId>) {
+        self.taken.resize(manifest.transforms.len(), 0);
         let ranges = set.ranges();
         let rest = &ranges[ranges.partition_point(|range| range.end <= self.next_leaf)..];
         let next_leaf = self.next_leaf;
         let left = rest.iter().flat_map(|range| range.start.max(next_leaf)..range.end);
         for (looked_at, leaf) in left.enumerate() {
-            if objects.len() == MAX_COUNTED || looked_at == MAX_LEAVES_LOOKED_AT {
+            if objects.len() == most || looked_at == MAX_LEAVES_LOOKED_AT {
                 self.next_leaf = leaf;
-                objects.sort_unstable();
                 return;
             }
-            let object = leaves[leaf as usize].object;
+            let object = manifest.leaves[leaf as usize].object;
             if std::mem::replace(&mut self.taken[object.0 as usize], self.number + 1) != self.number + 1 {
                 objects.push(object);
             }
         }
-        objects.sort_unstable();
         (self.next_leaf, self.number) = (0, self.number.wrapping_add(1));
     }
 }
@@ -132,7 +127,7 @@ impl TileSession {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mullion_common::scene::MaterialId;
+    use mullion_common::scene::{LeafRecord, MaterialId};
     use mullion_common::visible_set::LeafRange;
 
     /// Three leaves an object, one after the other, and every tenth object's are apart.
@@ -178,13 +173,13 @@ mod tests {
                 objects.iter().for_each(|object| times[object.0 as usize] += 1);
             }
         }
-        // 20 times the dropped ones, 20 times 256 of 781 others.
+        // 40 times the dropped ones; of 781 others 246 each time, four times a turn.
         let owners: std::collections::BTreeSet<u32> =
             (30..900).chain(1200..2700).map(|leaf| manifest.leaves[leaf as usize].object.0).collect();
         for (object, times) in (0..).zip(times) {
-            let expected = if (20..30).contains(&object) { 20..=20 } else { 4..=6 };
-            // Object 0's leaves are among all others, so that it has both.
-            let is_as_expected = if object == 0 { times >= 20 } else { expected.contains(&times) };
+            let expected = if (20..30).contains(&object) { 40..=40 } else { 10..=10 };
+            // Some of object 0's leaves are dropped, and some are not: so no master speaks.
+            let is_as_expected = if object == 0 { times >= 10 } else { expected.contains(&times) };
             assert!(if owners.contains(&object) { is_as_expected } else { times == 0 }, "object {object}: {times} times");
         }
     }

@@ -42,7 +42,7 @@ const SWEPT_PER_FRAME: usize = 1024;
 
 const ROUNDS: usize = COUNT_HOLDS_FRAMES as usize / COUNT_EVERY as usize;
 const _: () = assert!(ROUNDS * MAX_COUNTED == MAX_COUNTED_OF_VIEW as usize, "no honest count is thrown away");
-const _: () = assert!(ROUNDS / 2 * MAX_COUNTED >= MAX_DROPPED_OBJECTS, "every second count of a view is for what is dropped");
+const _: () = assert!(ROUNDS / 2 * MAX_COUNTED >= MAX_DROPPED_OBJECTS, "half of what a view counts is for what is dropped");
 const _: () = assert!(MAX_RANGES_OF_OBJECT < MAX_DROPPED_RANGES);
 
 /// How objects that hardly contribute are left out.
