@@ -96,8 +96,8 @@ impl Show {
 
     fn take(&mut self) -> Vec<Output> {
         let outputs: Vec<Output> = std::iter::from_fn(|| self.master.poll_output()).collect();
-        for node in 0..2 {
-            for message in sent(&outputs, PEERS[node]) {
+        for (node, peer) in PEERS.into_iter().enumerate() {
+            for message in sent(&outputs, peer) {
                 match message {
                     ToTile::Welcome(welcome) => assert_eq!(welcome.count_every, COUNT_EVERY),
                     ToTile::Frame(frame) => self.apply(node, &frame),
@@ -294,6 +294,20 @@ fn who_lies_takes_nothing_from_the_others() {
         assert_eq!((closed(&outputs, PEERS[1]), closed(&outputs, PEERS[0])), (Some(ByeCode::Malformed), None));
         show.join(1);
     }
+}
+
+#[test]
+fn what_a_scene_grows_by_is_dropped_once_it_is_known() {
+    let mut show = Show::new(2);
+    show.sets = vec![VisibleSet::all(8); 2];
+    show.frame();
+    let counts = [(1, 0), (2, 0), (3, REACHES_PX)];
+    (0..2).for_each(|node| show.count(node, &counts));
+    assert_eq!(show.frame(), set(&[1]), "there are two objects");
+    show.master.know_objects(objects(4));
+    assert_eq!(show.frame(), set(&[1]));
+    (0..2).for_each(|node| show.count(node, &counts));
+    assert_eq!(show.frame(), set(&[1, 2]));
 }
 
 #[test]

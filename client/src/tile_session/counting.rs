@@ -1,7 +1,8 @@
 //! Which objects are counted when, so that the master may find what hardly contributes to the wall's picture.
 //!
 //! In each view some objects every so many frames, as the welcome says: those that it sees, in turn, and before them those of these that are
-//! dropped, in a turn of their own, so that they come back soon. What is counted is the picture of a frame that is ready.
+//! dropped, in a turn of their own, so that they come back soon. What is counted is the picture of a frame
+//! that is shown, while there is nothing else to do: no swap waits for it.
 
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wire::{Counted, MAX_COUNTED, ObjectCount};
@@ -56,7 +57,7 @@ impl Counting {
         self.views.clear();
     }
 
-    /// What is to be counted of a frame that is drawn.
+    /// What is to be counted of a frame that is shown.
     pub fn orders(&mut self, frame: &FrameToDraw, manifest: &SceneManifest, orders: &mut Vec<CountOrder>) {
         if self.every == 0 {
             return;
@@ -108,12 +109,14 @@ impl Turn {
 }
 
 impl TileSession {
-    /// Orders what is to be counted of a frame that is drawn, before another one is.
-    pub(super) fn order_counts(&mut self, frame: &Arc<FrameToDraw>) {
-        let Some(scene) = &self.scene else { return };
+    /// Orders what is to be counted of the frame that was drawn last, before another one is. Where objects have moved meanwhile for the next
+    /// one, their boxes are counted where they stand now.
+    pub(super) fn order_counts(&mut self, frame: u64) {
+        let drawn = self.acknowledged.back().filter(|drawn| drawn.number == frame);
+        let (Some(scene), Some(drawn)) = (&self.scene, drawn) else { return };
         let mut orders = Vec::new();
-        self.counting.orders(frame, &scene.manifest, &mut orders);
-        self.actions.extend(orders.into_iter().map(|order| Action::Count(Arc::clone(frame), order)));
+        self.counting.orders(drawn, &scene.manifest, &mut orders);
+        self.actions.extend(orders.into_iter().map(|order| Action::Count(Arc::clone(drawn), order)));
     }
 
     /// What came of an [`Action::Count`]; of a painter that cannot count, nothing.

@@ -116,7 +116,7 @@ pub enum Action {
     SetTransform(Moved),
     /// Draw, keep the picture back, and call [`TileSession::drawn`].
     Draw(Arc<FrameToDraw>),
-    /// Count boxes against the picture of the frame that was drawn last, and call [`TileSession::counted`].
+    /// Count boxes against the picture of the frame that was drawn last, which is shown, and call [`TileSession::counted`].
     Count(Arc<FrameToDraw>, CountOrder),
     /// Show the picture drawn last; [`TileSession::note_shown`] may then be told when that was.
     Show {
@@ -297,6 +297,7 @@ impl TileSession {
                 if self.drawn == Some(frame) && self.shown != Some(frame) {
                     (self.shown, self.behind) = (Some(frame), 0);
                     self.actions.push_back(Action::Show { frame });
+                    self.order_counts(frame);
                 }
                 Ok(())
             }
@@ -335,19 +336,17 @@ impl TileSession {
         if self.drawing.as_ref().is_none_or(|drawing| drawing.number != frame) {
             return; // of a connection that is gone
         }
-        let drawing = self.drawing.take();
-        if let Some(drawing) = &drawing {
+        if let Some(drawing) = self.drawing.take() {
             if self.acknowledged.len() == BASE_WINDOW {
                 self.acknowledged.pop_front();
             }
-            self.acknowledged.push_back(Arc::clone(drawing));
+            self.acknowledged.push_back(drawing);
         }
         self.drawn = Some(frame);
         self.behind = u32::from(self.pending.is_some());
         self.last_stats = stats;
         let shown = self.shown_at.take();
         self.actions.push_back(Action::Send(ToMaster::Ready { frame, shown }));
-        drawing.iter().for_each(|drawing| self.order_counts(drawing));
         self.plan();
     }
 
