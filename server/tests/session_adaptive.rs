@@ -56,6 +56,8 @@ struct Show {
     number: u64,
     objects: u32,
     sets: Vec<VisibleSet>,
+    /// By the last frame's beginning.
+    allocations: u64,
     /// What each node has of what is dropped, by frame.
     dropped: [Vec<(u64, VisibleSet)>; 2],
 }
@@ -79,6 +81,7 @@ impl Show {
             number: 0,
             objects: objects_count,
             sets: vec![VisibleSet::all(2 * objects_count); 2],
+            allocations: 0,
             dropped: [vec![], vec![]],
         };
         show.master.handle_timeout(show.now);
@@ -108,6 +111,14 @@ impl Show {
         outputs
     }
 
+    fn take_and_recycle(&mut self) {
+        for output in self.take() {
+            if let Output::Send { message, .. } = output {
+                self.master.recycle(message.bytes);
+            }
+        }
+    }
+
     fn apply(&mut self, node: usize, frame: &Frame) {
         let base = frame.base.map(|base| &self.dropped[node].iter().find(|(number, _)| *number == base).expect("known").1);
         let (mut scratch, mut dropped) = (VisibleSet::default(), VisibleSet::default());
@@ -130,8 +141,9 @@ impl Show {
             presence: &[],
             steering: Steering::default(),
         };
-        self.master.begin_frame(&input, self.now, &mut |_| {});
-        self.take();
+        let begun = allocation_counter::measure(|| self.master.begin_frame(&input, self.now, &mut |_| {}));
+        self.allocations = begun.count_total;
+        self.take_and_recycle();
         self.now += Duration::from_millis(1);
         let seen: Vec<&VisibleSet> =
             self.dropped.iter().filter_map(|sets| sets.last()).filter(|(n, _)| *n == self.number).map(|(_, set)| set).collect();
@@ -142,9 +154,9 @@ impl Show {
         for peer in PEERS {
             self.master.handle_message(peer, ToMaster::Ready { frame: self.number, shown: None }, self.now);
         }
-        self.take();
+        self.take_and_recycle();
         self.master.handle_timeout(self.now + Duration::from_millis(14));
-        self.take();
+        self.take_and_recycle();
         self.now += Duration::from_millis(15);
         self.number += 1;
         dropped
@@ -308,6 +320,30 @@ fn what_a_scene_grows_by_is_dropped_once_it_is_known() {
     assert_eq!(show.frame(), set(&[1]));
     (0..2).for_each(|node| show.count(node, &counts));
     assert_eq!(show.frame(), set(&[1, 2]));
+}
+
+#[test]
+fn a_frame_allocates_nothing_for_it() {
+    let mut show = Show::new(40);
+    show.frame();
+    let bytes = |show: &Show, node: usize| {
+        let count = |object| ObjectCount { object: ObjectId(object), visible_px: object % 3 * 30, distance_m: EYE_M as f32 };
+        let (view, objects) = (ViewId(node as u16), (0..40).map(count).collect());
+        ToMaster::Counted(Counted { frame: show.number - 1, view, objects })
+    };
+    for frame in 0..40 {
+        let counts = [0, 1].map(|node| bytes(&show, node));
+        // Some come into sight and go out of it, so that objects are dropped and drawn again.
+        show.sets[1] = VisibleSet::from_ranges([LeafRange::new(frame % 4 * 8, 80)]);
+        let taken = allocation_counter::measure(|| {
+            for (peer, counted) in PEERS.into_iter().zip(counts) {
+                show.master.handle_message(peer, counted, show.now);
+            }
+        });
+        show.frame();
+        assert!(frame < 20 || taken.count_total + show.allocations == 0, "frame {frame}: {taken:?}, {}", show.allocations);
+    }
+    assert!(show.master.dropped_objects() > 5);
 }
 
 #[test]
