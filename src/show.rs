@@ -57,6 +57,12 @@ pub fn stop_on_interrupt() -> Result<watch::Sender<bool>> {
     Ok(stop)
 }
 
+/// What `--adaptive` takes: more than 0, at most 1.
+pub fn share_of_wall(text: &str) -> Result<f64, String> {
+    let share: f64 = text.parse().map_err(|_| "it is no number".to_owned())?;
+    if share > 0.0 && share <= 1.0 { Ok(share) } else { Err("a share of the wall is more than 0, and at most 1".to_owned()) }
+}
+
 /// What is written down while a show runs.
 #[derive(Clone)]
 pub struct Record(Arc<Mutex<Data>>);
@@ -72,6 +78,8 @@ struct Data {
     frame_ms: VecDeque<f64>,
     /// By `NodeIndex`.
     frame_bytes: Vec<u64>,
+    /// The last frame's.
+    dropped_objects: u32,
     /// The last frame's, by `ViewId`.
     sets: Vec<VisibleSet>,
     /// Leaves seen by each view, summed over the frames.
@@ -89,6 +97,7 @@ impl Record {
             cull_us: VecDeque::new(),
             frame_ms: VecDeque::new(),
             frame_bytes: vec![0; wall.nodes().len()],
+            dropped_objects: 0,
             sets: vec![VisibleSet::default(); wall.views().len()],
             leaves_seen: vec![0; wall.views().len()],
         })))
@@ -130,6 +139,7 @@ impl Record {
         for (sum, bytes) in data.frame_bytes.iter_mut().zip(&frame.frame_bytes) {
             *sum += u64::from(*bytes);
         }
+        data.dropped_objects = frame.dropped_objects;
     }
 
     /// All of it.
@@ -163,6 +173,7 @@ impl Record {
             cull_us: Spread::of(data.cull_us.iter().copied()),
             frame_ms: Spread::of(data.frame_ms.iter().copied()),
             frame_bytes: data.frame_bytes.iter().sum(),
+            dropped_objects: data.dropped_objects,
             chunk_bytes: report.chunk_bytes,
             connections_refused: report.refused,
             tiles: tiles.collect(),
@@ -212,6 +223,8 @@ pub struct Summary {
     pub frame_ms: Spread,
     /// Of all frame messages.
     pub frame_bytes: u64,
+    /// In the last frame: those that tiles see and do not draw, for they hardly contribute.
+    pub dropped_objects: u32,
     /// Of geometry, textures and tables.
     pub chunk_bytes: u64,
     /// Connections closed for what they said or did not say.
@@ -261,6 +274,9 @@ impl Summary {
             cull.p999
         );
         say!("frame          {:.1} ms median, {:.1} ms p99, {:.1} ms p99.9", frame.median, frame.p99, frame.p999);
+        if self.dropped_objects > 0 {
+            say!("dropped        {} objects in the last frame, which hardly contributed", self.dropped_objects);
+        }
         say!("sent           {} bytes of frames, {} bytes of scene", self.frame_bytes, self.chunk_bytes);
     }
 }

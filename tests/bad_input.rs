@@ -214,6 +214,9 @@ fn arguments_that_cannot_be() {
     refused(&["verify", "pixels", &scene, "--grids", "2x2,7x1"], &["7x1"]);
     refused(&["serve", &wall, &scene, "--rate", "-1", "--listen", "127.0.0.1:0"], &["--rate"]);
     refused(&["serve", &wall, &scene, "--rate=-1", "--listen", "127.0.0.1:0"], &["--rate"]);
+    for share in ["0", "1.5", "-0.1", "NaN", "much"] {
+        refused(&["serve", &wall, &scene, "--adaptive", share, "--listen", "127.0.0.1:0"], &["--adaptive", share]);
+    }
     refused(&["serve", &wall], &["SCENE"]);
     refused(&["prepare", &scene, "--out", &folder.path("x"), "--leaf-triangles", "0"], &["--leaf-triangles"]);
     refused(&["generate", "village", "--out", &folder.path("x.glb")], &["village", "city"]);

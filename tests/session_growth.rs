@@ -104,6 +104,7 @@ impl Growing {
             frames: None,
             sections: sections(&base, SceneSize::default(), &mut blobs).into(),
             insertions: vec![],
+            adaptive: None,
             session_seed: [7; 32],
         };
         let when_missing = [WhenMissing::Box, WhenMissing::Nothing][(seed % 2) as usize];
@@ -254,6 +255,7 @@ impl Growing {
                     assert!(n.uploaded.insert(chunk.0), "node {node}: a chunk is uploaded once");
                 }
                 Action::Evict(_) => panic!("there is room"),
+                Action::Count(..) => panic!("nobody asked for counts"),
                 Action::SetTransform(moved) => n.transforms[moved.object.0 as usize] = moved.transform,
                 Action::Draw(frame) => {
                     self.check(node, &frame);

@@ -4,20 +4,23 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use image::RgbaImage;
-use mullion_common::scene::{ChunkId, SceneManifest};
+use mullion_common::geometry::Aabb;
+use mullion_common::scene::{ChunkId, ObjectId, SceneManifest};
+use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Projection;
-use mullion_common::wire::{Moved, ViewSpec};
+use mullion_common::wire::{Moved, ObjectCount, ViewSpec};
 
 use crate::frame::{FrameInput, Planner, ViewInput};
 use crate::gpu::{Attachments, Gpu, GpuError, Renderer, ViewTarget};
 use crate::node::{PaintError, Painter};
 use crate::occlusion::Occlusion;
+use crate::occlusion::unit::{Counts, Footprint};
 use crate::output::headless::write_png;
 use crate::output::layout;
 use crate::output::window::WindowFeed;
-use crate::tile_session::{DrawStats, FrameToDraw};
+use crate::tile_session::{CountOrder, DrawStats, FrameToDraw};
 
 /// Where shown pictures go.
 #[derive(Clone, Debug)]
@@ -49,6 +52,37 @@ struct OpenScene {
     renderer: Renderer,
     /// Something stands elsewhere than in the frame before.
     has_changed: bool,
+    /// What each view sees without what is dropped.
+    drawn: Vec<VisibleSet>,
+    counting: Counting,
+}
+
+/// How boxes are counted.
+#[derive(Default)]
+struct Counting {
+    /// By object: the box around its own leaves, in its space. Found when the first is counted.
+    bounds: Vec<Aabb>,
+    footprints: Vec<Footprint>,
+    /// The GPU does not count views as large as these.
+    is_off: bool,
+}
+
+impl Counting {
+    fn find_bounds(&mut self, manifest: &SceneManifest) {
+        if self.bounds.len() != manifest.transforms.len() {
+            self.bounds.clear();
+            self.bounds.resize(manifest.transforms.len(), Aabb::EMPTY);
+            for leaf in &manifest.leaves {
+                let bounds = &mut self.bounds[leaf.object.0 as usize];
+                *bounds = bounds.union(&leaf.local_aabb());
+            }
+        }
+    }
+}
+
+/// How a view of a frame projects.
+fn projection(spec: &ViewSpec, eye: DVec3, world_from_room: &DAffine3) -> Projection {
+    Projection::through_rectangle(eye, spec.corners.map(DVec3::from), spec.near_m, world_from_room)
 }
 
 impl GpuPainter {
@@ -110,7 +144,14 @@ impl Painter for GpuPainter {
         if let Output::OwnWindow(feed) = &self.output {
             feed.lay_out(layout::lay_out(views)).map_err(|_| PaintError::Closed)?;
         }
-        self.scene = Some(OpenScene { manifest: Arc::clone(manifest), views: views.to_vec(), renderer, has_changed: true });
+        self.scene = Some(OpenScene {
+            manifest: Arc::clone(manifest),
+            views: views.to_vec(),
+            renderer,
+            has_changed: true,
+            drawn: vec![VisibleSet::default(); views.len()],
+            counting: Counting::default(),
+        });
         Ok(())
     }
 
@@ -143,21 +184,20 @@ impl Painter for GpuPainter {
 
     fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
         let start = Instant::now();
-        let Some(OpenScene { manifest, views, renderer, has_changed }) = &mut self.scene else {
+        let Some(OpenScene { manifest, views, renderer, has_changed, drawn, .. }) = &mut self.scene else {
             return Err(PaintError::Failed("a frame before there is a scene".to_owned()));
         };
+        for (drawn, view) in drawn.iter_mut().zip(&frame.views) {
+            view.leaves.difference_into(&frame.dropped, drawn);
+        }
         let inputs: Vec<ViewInput<'_>> = views
             .iter()
             .zip(&frame.views)
-            .map(|(spec, view)| ViewInput {
+            .zip(&*drawn)
+            .map(|((spec, view), drawn)| ViewInput {
                 view: spec.view,
-                projection: Projection::through_rectangle(
-                    view.eye,
-                    spec.corners.map(DVec3::from),
-                    spec.near_m,
-                    &frame.world_from_room,
-                ),
-                visible: &view.leaves,
+                projection: projection(spec, view.eye, &frame.world_from_room),
+                visible: drawn,
                 missing: &view.missing,
             })
             .collect();
@@ -185,6 +225,33 @@ impl Painter for GpuPainter {
         renderer.wait().map_err(failed)?;
         stats.draw_us = u32::try_from(start.elapsed().as_micros()).unwrap_or(u32::MAX);
         Ok(stats)
+    }
+
+    fn count(&mut self, frame: &FrameToDraw, order: &CountOrder) -> Result<Vec<ObjectCount>, PaintError> {
+        let OpenScene { manifest, views, renderer, counting, .. } = self.scene()?;
+        let (Some(spec), Some(view)) = (views.get(order.place), frame.views.get(order.place)) else { return Ok(Vec::new()) };
+        if counting.is_off || !renderer.can_cull() {
+            return Ok(Vec::new());
+        }
+        counting.find_bounds(manifest);
+        let projection = projection(spec, view.eye, &frame.world_from_room);
+        let footprint = |object: &ObjectId| {
+            let (bounds, transform) = (&counting.bounds[object.0 as usize], &renderer.transforms()[object.0 as usize]);
+            Footprint::of(&projection, spec.size_px, bounds, &transform.affine())
+        };
+        counting.footprints.clear();
+        counting.footprints.extend(order.objects.iter().map(footprint));
+        let counts = renderer.count_boxes(spec.view, &counting.footprints).unwrap_or_else(|error| {
+            // What failed for good is found by the next draw; without counts, all that is seen is drawn.
+            tracing::warn!("boxes are not counted any more: {error}");
+            counting.is_off = true;
+            Vec::new()
+        });
+        let of_object = |((object, footprint), counts): ((&ObjectId, &Footprint), &Counts)| {
+            let distance_m = if counts.visible > 0 { footprint.distance_m() as f32 } else { 0.0 };
+            ObjectCount { object: *object, visible_px: counts.visible, distance_m: distance_m.min(f32::MAX) }
+        };
+        Ok(order.objects.iter().zip(&counting.footprints).zip(&counts).map(of_object).collect())
     }
 
     fn show(&mut self, _frame: u64) -> Result<(), PaintError> {

@@ -8,8 +8,8 @@ use std::{io, thread};
 use futures_util::StreamExt;
 use mullion_common::scene::{ChunkHash, ChunkId, SceneManifest};
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved, Opening,
-    Part, SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want,
+    ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved, ObjectCount,
+    Opening, Part, SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want,
 };
 use thiserror::Error;
 use tokio::io::AsyncWriteExt;
@@ -20,7 +20,7 @@ use crate::connection::{End, framed, keep_connected, stopped, write_message};
 use crate::disk_cache::DiskCache;
 use crate::master_clock::{MasterClock, PING_EVERY};
 use crate::missing::WhenMissing;
-use crate::tile_session::{Action, Assembly, DrawStats, EndedBy, FrameToDraw, PieceError, TileSession};
+use crate::tile_session::{Action, Assembly, CountOrder, DrawStats, EndedBy, FrameToDraw, PieceError, TileSession};
 use crate::transport::{connect, describe};
 
 /// Messages and blobs that may wait for the painter. Blobs are bounded by what the session asks for at once.
@@ -60,6 +60,14 @@ pub trait Painter {
     /// # Errors
     /// See [`PaintError`].
     fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError>;
+    /// Count how much of some objects' boxes is to be seen in the picture that was drawn last, which is of this frame. A painter that cannot
+    /// gives nothing: then all that its views see is drawn.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn count(&mut self, _frame: &FrameToDraw, _order: &CountOrder) -> Result<Vec<ObjectCount>, PaintError> {
+        Ok(Vec::new())
+    }
     /// Show the picture drawn last.
     ///
     /// # Errors
@@ -162,7 +170,7 @@ enum Event {
         wants: mpsc::Sender<Wanted>,
     },
     /// With when it came in, since the node's start.
-    Message(ToTile, Duration),
+    Message(Box<ToTile>, Duration),
     Blob(ChunkHash, Vec<u8>),
     /// A blob that was in the cache.
     Cached(ChunkHash, Vec<u8>),
@@ -267,7 +275,7 @@ impl Easel<'_> {
         {
             self.waiting.push_back(event);
         }
-        let is_frame = |event: &&Event| matches!(event, Event::Message(ToTile::Frame(_), _));
+        let is_frame = |event: &&Event| matches!(event, Event::Message(message, _) if matches!(**message, ToTile::Frame(_)));
         self.waiting.iter().filter(is_frame).count() as u32
     }
 
@@ -278,8 +286,10 @@ impl Easel<'_> {
                 self.link = Some((control, wants));
                 self.session.connected();
             }
-            Event::Message(ToTile::Pong(pong), at) => self.clock.take(&pong, at),
-            Event::Message(message, _) => self.session.handle_message(message),
+            Event::Message(message, at) => match *message {
+                ToTile::Pong(pong) => self.clock.take(&pong, at),
+                message => self.session.handle_message(message),
+            },
             Event::Blob(hash, bytes) => {
                 self.report.blob_bytes += bytes.len() as u64;
                 self.session.handle_blob(hash, bytes);
@@ -322,6 +332,10 @@ impl Easel<'_> {
                     self.report.drawn += 1;
                     let newer = self.newer_frames();
                     self.session.drawn_behind(frame.number, stats, newer);
+                }
+                Action::Count(frame, order) => {
+                    let counts = self.painter.count(&frame, &order)?;
+                    self.session.counted(frame.number, frame.views[order.place].view, counts);
                 }
                 Action::Show { frame } => {
                     self.painter.show(frame)?;
@@ -417,7 +431,7 @@ impl Network {
                 }
                 _ => {}
             }
-            if self.events.send(Event::Message(message, self.started.elapsed())).await.is_err() {
+            if self.events.send(Event::Message(Box::new(message), self.started.elapsed())).await.is_err() {
                 tokio::time::sleep(ALIVE_EVERY).await; // the writer has this side's goodbye to send, and ends this
                 return End::NobodyThere;
             }

@@ -166,8 +166,8 @@ impl<F: FnMut(Step<'_>)> Node<F> {
                     }
                     return Err(End::Lost(bye.to_string()));
                 }
-                // Of the scene, nothing is fetched.
-                Action::Fetch(_) | Action::OpenScene(..) | Action::GrowScene(_) => {}
+                // Of the scene, nothing is fetched, and nothing counted.
+                Action::Count(..) | Action::Fetch(_) | Action::OpenScene(..) | Action::GrowScene(_) => {}
                 Action::Upload { .. } | Action::Evict(_) | Action::SetTransform(_) => {}
             }
         }

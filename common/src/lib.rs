@@ -1,5 +1,6 @@
 //! Mullion's shared core. Pure: no sockets, no clock, no GPU.
 pub mod camera_path;
+pub mod contribution;
 pub mod control;
 pub mod geometry;
 pub mod identity;

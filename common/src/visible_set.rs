@@ -30,7 +30,7 @@ impl LeafRange {
     }
 }
 
-/// A conservative set of leaves. Its ranges are sorted, not empty, and neither overlap nor touch.
+/// A set of leaves: of what a view sees, a conservative one. Its ranges are sorted, not empty, and neither overlap nor touch.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct VisibleSet {
     ranges: Vec<LeafRange>,

@@ -132,7 +132,8 @@ fn a_welcome_keeps_to_its_caps() {
         near_m: 0.1,
     };
     let node = "n".repeat(MAX_NAME_BYTES);
-    let fits = Welcome { version: PROTOCOL_VERSION, session: 1, node, views: vec![view], rate_hz: 60.0, next_frame: 0 };
+    let fits =
+        Welcome { version: PROTOCOL_VERSION, session: 1, node, views: vec![view], rate_hz: 60.0, next_frame: 0, count_every: 0 };
     assert_eq!(tile(&ToTile::Welcome(fits.clone())), Ok(ToTile::Welcome(fits.clone())));
     let answer = |change: fn(&mut Welcome)| {
         let mut bad = fits.clone();

@@ -60,6 +60,7 @@ pub struct Metrics {
     skew: Histogram,
     connected: Gauge,
     shown_by: Gauge,
+    dropped: Gauge,
     joined: Counter,
     left: Counter,
     stood_in: Counter,
@@ -81,7 +82,7 @@ impl Metrics {
         let stages = Family::<OfStage, Histogram, _>::new_with_constructor(histogram as fn() -> Histogram);
         let (waited, skew) = (histogram(), histogram());
         let [frames, joined, left, stood_in, chunk_bytes] = std::array::from_fn(|_| Counter::default());
-        let [connected, shown_by] = std::array::from_fn(|_| Gauge::default());
+        let [connected, shown_by, dropped] = std::array::from_fn(|_| Gauge::default());
         registry.register("frames", "Frames released", frames.clone());
         registry.register_with_unit("frame_stage", "The master's work on a frame", Unit::Seconds, stages.clone());
         registry.register_with_unit("frame_wait", "From a frame's beginning to its release", Unit::Seconds, waited.clone());
@@ -93,6 +94,11 @@ impl Metrics {
         );
         registry.register("nodes_connected", "Nodes that are connected", connected.clone());
         registry.register("nodes_showing", "Nodes that were told to show the newest frame", shown_by.clone());
+        registry.register(
+            "objects_dropped",
+            "Objects that no tile draws in the newest frame because they hardly contribute",
+            dropped.clone(),
+        );
         registry.register("node_joins", "Connections of nodes that were greeted", joined.clone());
         registry.register("node_losses", "Connections of nodes that ended", left.clone());
         registry.register("spares_used", "Times that a spare took a node's place", stood_in.clone());
@@ -132,6 +138,7 @@ impl Metrics {
             skew,
             connected,
             shown_by,
+            dropped,
             joined,
             left,
             stood_in,
@@ -152,6 +159,7 @@ impl Metrics {
         self.waited.observe(frame.waited.as_secs_f64());
         self.connected.set(i64::from(frame.connected));
         self.shown_by.set(i64::from(frame.shown_by));
+        self.dropped.set(i64::from(frame.dropped_objects));
         self.chunk_bytes.inc_by(frame.chunk_bytes.saturating_sub(self.chunk_bytes_before));
         self.chunk_bytes_before = frame.chunk_bytes;
         for node in &frame.passed_over {
@@ -226,6 +234,7 @@ mod tests {
                 node_stats: vec![stats, Stats::default()],
                 passed_over: if number == 1 { vec![NodeIndex(1)] } else { vec![] },
                 connected: 2,
+                dropped_objects: 7,
                 chunk_bytes: 1000 * number,
                 ..FrameReport::default()
             });
@@ -244,6 +253,7 @@ mod tests {
             "mullion_swap_skew_seconds_count 1",
             "mullion_swap_skew_seconds_sum 0.0005",
             "mullion_nodes_connected 2",
+            "mullion_objects_dropped 7",
             "mullion_spares_used_total 1",
             "mullion_chunks_sent_bytes_total 2000",
             "mullion_node_passed_over_total{node=\"t1x0\"} 1",

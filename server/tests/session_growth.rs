@@ -56,6 +56,7 @@ impl Show {
             frames: None,
             sections: part(0).into(),
             insertions: vec![],
+            adaptive: None,
             session_seed: [1; 32],
         };
         let master = Master::new(wall(), options, Duration::ZERO);

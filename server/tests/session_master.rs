@@ -38,6 +38,7 @@ fn master() -> Master {
         frames: None,
         sections: vec![],
         insertions: vec![],
+        adaptive: None,
         session_seed: [1; 32],
     };
     Master::new(wall, options, Duration::ZERO)

@@ -39,8 +39,16 @@ fn wall(columns: u32) -> Arc<Wall> {
 fn master(first_frame: u64) -> Master {
     let barrier = BarrierOptions { wait: ms(14), start_wait: Duration::ZERO, start_nodes: vec![] };
     let pace = Pace::Every(ms(10));
-    let options =
-        MasterOptions { barrier, pace, first_frame, frames: None, sections: vec![], insertions: vec![], session_seed: [1; 32] };
+    let options = MasterOptions {
+        barrier,
+        pace,
+        first_frame,
+        frames: None,
+        sections: vec![],
+        insertions: vec![],
+        adaptive: None,
+        session_seed: [1; 32],
+    };
     Master::new(wall(2), options, Duration::ZERO)
 }
 

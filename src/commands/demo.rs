@@ -59,6 +59,10 @@ pub struct Options {
     /// something moves. hiz is left off by itself where it does not pay.
     #[arg(long, value_name = "MODE", default_value_t = Occlusion::Hiz)]
     occlusion: Occlusion,
+    /// Leave out, on all tiles alike, objects that hardly contribute: whose boxes' visible pixels, on all tiles together and weighted by
+    /// distance, are less than this share of the wall's (0.0001: a pixel in ten thousand). Pictures change a little.
+    #[arg(long, allow_negative_numbers = true, value_name = "THRESHOLD", value_parser = show::share_of_wall)]
+    adaptive: Option<f64>,
     /// Draw the scene from above into this file (PNG): the wall's frusta at the last frame shown in red, and in yellow the bounds of leaves
     /// in them that no tile drew. With --occlusion none all are drawn, and nothing is yellow.
     #[arg(long, value_name = "FILE")]
@@ -197,6 +201,7 @@ fn start_master(
         options: ShowOptions {
             barrier_wait: BARRIER_WAIT,
             frames: Some(frames),
+            adaptive: options.adaptive,
             rate: Rate::AsFastAsPossible,
             ..ShowOptions::for_wall(wall).starting_together(wall, START_WAIT)
         },

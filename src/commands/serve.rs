@@ -52,6 +52,10 @@ pub struct Options {
     /// must hold what is inserted there.
     #[arg(long, value_name = "HOST[:PORT]")]
     standby_of: Option<String>,
+    /// Leave out, on all tiles alike, objects that hardly contribute: whose boxes' visible pixels, on all tiles together and weighted by
+    /// distance, are less than this share of the wall's (0.0001: a pixel in ten thousand). Pictures change a little.
+    #[arg(long, allow_negative_numbers = true, value_name = "THRESHOLD", value_parser = show::share_of_wall)]
+    adaptive: Option<f64>,
     /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.
     #[arg(long, default_value = "sweep")]
     algorithm: Algorithm,
@@ -121,6 +125,7 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.security = security;
     show_options.frames = options.frames;
     show_options.standby_of = options.standby_of.as_deref().map(with_port);
+    show_options.adaptive = options.adaptive;
     show_options.insert_from = options.steering.packages()?;
     show_options.rate = if rate_hz == 0.0 { Rate::AsFastAsPossible } else { Rate::Hz(rate_hz) };
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);

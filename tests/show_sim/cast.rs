@@ -96,6 +96,8 @@ fn show(host: usize, wall: &Arc<Wall>, order: Order, stop: watch::Receiver<bool>
             standby_of: (order == Order::StandBy).then(|| format!("{}:{PORT}", MASTERS[1 - host])),
             connector: Connector::new(connect),
             session_seed: Some([seed as u8; 32]),
+            // Nodes without a scene count nothing, so that nothing is dropped; who means harm does.
+            adaptive: Some(0.01),
             ..ShowOptions::for_wall(wall)
         },
         wall: Arc::clone(wall),

@@ -209,6 +209,9 @@ impl Observed {
         self.hold(is_its_own, || format!("player {player} is to draw view {view}"));
         let is_the_masters = frame.views[0].leaves == visible(self.seed, number, view, LEAVES);
         self.hold(is_the_masters, || format!("player {player}, frame {number}: another set than the master's"));
+        self.hold(frame.dropped.is_empty(), || {
+            format!("player {player}, frame {number}: nobody counted, and something is dropped")
+        });
         let is_in_time = (frame.scene_time_s - number as f64 / RATE_HZ).abs() < 1e-9;
         self.hold(is_in_time, || format!("player {player}, frame {number}: scene time {}", frame.scene_time_s));
         let connection = self.players[player].connection.as_mut().expect("it is connected");

@@ -4,10 +4,11 @@ use std::future::pending;
 use std::io;
 use std::time::Duration;
 
-use mullion_common::scene::ChunkHash;
+use mullion_common::scene::{ChunkHash, ObjectId};
+use mullion_common::wall::ViewId;
 use mullion_common::wire::{
-    ChunkHello, Hello, LENGTH_BYTES, MAX_WANTED, Opening, PROTOCOL_VERSION, Part, Ping, StandbyHello, ToMaster, ToTile, Want,
-    WireError,
+    ChunkHello, Counted, Hello, LENGTH_BYTES, MAX_COUNTED, MAX_WANTED, ObjectCount, Opening, PROTOCOL_VERSION, Part, Ping,
+    StandbyHello, ToMaster, ToTile, Want, WireError,
 };
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::{sleep, timeout};
@@ -101,7 +102,7 @@ async fn be_a_stranger(mut stream: TcpStream, rng: &mut Random, names: &[String]
 async fn be_a_bad_node(mut stream: TcpStream, rng: &mut Random, node: &str) -> io::Result<()> {
     let hello = Hello { node: node.to_owned(), part: Part::Own, credentials: None, cached: vec![] };
     stream.write_all(&message(|out| Opening::Control(hello).encode(out))?).await?;
-    match rng.within(0, 10) {
+    match rng.within(0, 12) {
         0 => pending().await, // neither reads nor writes
         1 => stream.write_all(&noise(rng, 2000)).await?,
         2 => stream.write_all(&message(|out| ready(u64::MAX).encode(out))?).await?,
@@ -131,12 +132,37 @@ async fn be_a_bad_node(mut stream: TcpStream, rng: &mut Random, node: &str) -> i
             stream.write_all(&message(|out| ToMaster::Ping(Ping { at_us: 1 }).encode(out))?).await?;
         },
         8 => return hoard(&mut stream).await,
+        9 | 10 => return miscount(&mut stream, rng).await,
         _ => loop {
             stream.write_all(&message(|out| ready(0).encode(out))?).await?;
             sleep(Duration::from_millis(1)).await;
         },
     }
     drain(&mut stream).await
+}
+
+/// Says of every frame, many times over, that next to nothing is to be seen of any object, there or not; in the end of somebody else's tile.
+async fn miscount(stream: &mut TcpStream, rng: &mut Random) -> io::Result<()> {
+    let mut view = ViewId(u16::MAX);
+    for _ in 0..rng.within(5, 60) {
+        match next(stream).await?.1 {
+            ToTile::Welcome(welcome) => view = welcome.views[0].view,
+            ToTile::Frame(frame) => {
+                stream.write_all(&message(|out| ready(frame.number).encode(out))?).await?;
+                let distance_m = rng.between(-1e9, 1e9) as f32;
+                let count = |object| ObjectCount { object: ObjectId(object), visible_px: rng.next() as u32 % 2, distance_m };
+                let counted = Counted { frame: frame.number, view, objects: (0..MAX_COUNTED as u32).map(count).collect() };
+                let body = message(|out| ToMaster::Counted(counted).encode(out))?;
+                for _ in 0..20 {
+                    stream.write_all(&body).await?;
+                }
+            }
+            _ => {}
+        }
+    }
+    let counted = Counted { frame: 0, view: ViewId(view.0.wrapping_add(1)), objects: Vec::new() };
+    stream.write_all(&message(|out| ToMaster::Counted(counted).encode(out))?).await?;
+    drain(stream).await
 }
 
 /// Wants the largest section again and again on a chunk connection that it does not read.

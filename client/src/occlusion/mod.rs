@@ -29,7 +29,8 @@ pub enum Occlusion {
     Query,
     /// The paper's loop, and what contributes less than a threshold is left out too (section 4.3): an estimate of what matters, no visible
     /// set. [`Planner::adaptive`](crate::frame::Planner::adaptive) says how; tiles do not offer it, for neighbours would decide
-    /// differently about the same object.
+    /// differently about the same object: of a wall the master decides, by what tiles count
+    /// ([`TileSession::counted`](crate::tile_session::TileSession::counted)).
     Adaptive,
     /// What had a pixel in the last frame is drawn at once; boxes of all else are tested against a pyramid of its depths on the GPU, those that
     /// it leaves open are drawn against them, and what is seen is drawn after it. Where the GPU cannot, all is drawn.

@@ -13,6 +13,7 @@
 use std::ops::Range;
 
 use glam::{DAffine3, DMat4, DVec2, DVec3, DVec4};
+pub use mullion_common::contribution::{ViewPlane, contribution};
 use mullion_common::geometry::Aabb;
 use mullion_common::wall::Projection;
 
@@ -531,42 +532,12 @@ impl Counts {
     }
 }
 
-/// The view plane of equation 1: the wall.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ViewPlane {
-    /// `SizeOfViewplane`: pixels of the whole wall, so that a box counts as much on whichever tile. More than 0.
-    pub pixels: u64,
-    /// `Dist(Eye)`: from the eye to the plane, metres of the room, more than 0.
-    pub eye_m: f64,
-}
-
-/// How much a box that others almost hide adds to the picture: equation 1 of section 4.3 with the number of footprints (NOHC), of which its
-/// text speaks, in the place of the box's projection.
-///
-/// `m = NOHC / SizeOfViewplane · (Dist(Eye) + Dist(Obj)) / Dist(Eye)`, a number without unit: the visible share of the wall, times how much
-/// farther away than the wall the box is. Farther boxes are larger for the same pixels, and count more. `object_m` is `Dist(Obj)`, from the
-/// plane to the box's nearest point, metres of the room: [`Footprint::distance_m`] less `eye_m` on the wall's plane. What reaches through the
-/// plane is at 0, and so is all before it.
-///
-/// An estimate: boxes say little of how much of what they hold is seen. Never a visible set, and never 0 where a pixel is visible.
-/// Contributions of one box to the tiles of a wall add up.
-pub fn contribution(counts: &Counts, plane: &ViewPlane, object_m: f64) -> f64 {
-    weighted(counts.visible, plane, object_m)
-}
-
-/// The same as equation 1 is printed: with the number of pixels of the box's screen projection (PHC), whether hidden or not.
+/// Equation 1 of section 4.3 as it is printed: [`contribution`] of the pixels of the box's screen projection (PHC), whether hidden or not.
 ///
 /// The paper's example (footnote 6) has a threshold of 100, called 0.02 % of a view plane of 650 by 650 pixels: 100 of its pixels are 0.024 %.
 /// Its average object, 423 pixels at 10 from a plane before which the eye is 0.002, comes to 5.007; one pixel to 0.0118.
 pub fn contribution_as_printed(counts: &Counts, plane: &ViewPlane, object_m: f64) -> f64 {
-    weighted(counts.projected, plane, object_m)
-}
-
-fn weighted(pixels: u32, plane: &ViewPlane, object_m: f64) -> f64 {
-    if pixels == 0 {
-        return 0.0; // also infinitely far away, as what is not on the tile
-    }
-    f64::from(pixels) / plane.pixels as f64 * ((plane.eye_m + object_m.max(0.0)) / plane.eye_m)
+    contribution(counts.projected, plane, object_m)
 }
 
 #[cfg(test)]

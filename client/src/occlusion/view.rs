@@ -197,7 +197,7 @@ impl InRounds {
             let share = if as_printed {
                 contribution_as_printed(counts, &plane, object_m)
             } else {
-                contribution(counts, &plane, object_m)
+                contribution(counts.visible, &plane, object_m)
             };
             counts.visible > 0 && share >= threshold
         };

@@ -8,6 +8,7 @@
 //! across frames and, while the scene stays the same, across connections; so does the picture that is shown.
 
 mod assembly;
+mod counting;
 mod on_the_way;
 mod planning;
 mod scene;
@@ -30,6 +31,8 @@ use crate::prefetch::{PREFETCH_WINDOW, Prefetch};
 use crate::residency::Residency;
 
 pub use assembly::{Assembly, PieceError};
+pub use counting::CountOrder;
+use counting::Counting;
 use on_the_way::OnTheWay;
 use planning::Lack;
 use scene::{Announced, Growth, OpenScene, Sections};
@@ -51,7 +54,7 @@ pub struct ViewToDraw {
     pub eye: DVec3,
     /// What it may spend.
     pub budget: Budget,
-    /// What it sees; all of it is in the manifest.
+    /// What it sees; all of it is in the manifest. What the frame drops is not drawn all the same.
     pub leaves: VisibleSet,
     /// Those of them that lack a chunk yet; none where the frame was to wait for them.
     pub missing: VisibleSet,
@@ -72,6 +75,8 @@ pub struct FrameToDraw {
     pub shared_eye: DVec3,
     /// In the order of the welcome.
     pub views: Vec<ViewToDraw>,
+    /// Leaves that no view of the wall draws, though some see them: their objects hardly contribute.
+    pub dropped: VisibleSet,
     /// What to do with leaves that are missing.
     pub when_missing: WhenMissing,
 }
@@ -111,6 +116,8 @@ pub enum Action {
     SetTransform(Moved),
     /// Draw, keep the picture back, and call [`TileSession::drawn`].
     Draw(Arc<FrameToDraw>),
+    /// Count boxes against the picture of the frame that was drawn last, which is shown, and call [`TileSession::counted`].
+    Count(Arc<FrameToDraw>, CountOrder),
     /// Show the picture drawn last; [`TileSession::note_shown`] may then be told when that was.
     Show {
         /// Number of its frame.
@@ -184,6 +191,7 @@ pub struct TileSession {
     /// Frames a second, as the master says.
     rate_hz: f64,
     motion: Motion,
+    counting: Counting,
 }
 
 impl TileSession {
@@ -222,6 +230,7 @@ impl TileSession {
             lack: Lack::default(),
             rate_hz: 0.0,
             motion: Motion::default(),
+            counting: Counting::default(),
         }
     }
 
@@ -266,6 +275,7 @@ impl TileSession {
         self.damaged.clear();
         self.on_the_way.clear();
         self.motion = Motion::default();
+        self.counting.begin_anew();
         if let Some(scene) = &mut self.scene {
             scene.prefetch.forget_asked();
         }
@@ -287,6 +297,7 @@ impl TileSession {
                 if self.drawn == Some(frame) && self.shown != Some(frame) {
                     (self.shown, self.behind) = (Some(frame), 0);
                     self.actions.push_back(Action::Show { frame });
+                    self.order_counts(frame);
                 }
                 Ok(())
             }
@@ -388,6 +399,7 @@ impl TileSession {
 
     fn take_welcome(&mut self, welcome: Welcome) {
         self.rate_hz = welcome.rate_hz;
+        self.counting.every = welcome.count_every;
         if *self.views != *welcome.views {
             self.views = welcome.views.into();
             self.views_changed = true;
@@ -420,11 +432,17 @@ impl TileSession {
             }
             Ok(ViewToDraw { view: spec.view, eye: view.eye, budget: view.budget, leaves, missing: VisibleSet::default() })
         });
-        let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, .. } = frame;
         let views = views.collect::<Result<_, String>>()?;
+        let mut dropped = VisibleSet::default();
+        frame.dropped.apply(base.map_or(&nothing, |base| &base.dropped), &mut scratch, &mut dropped);
+        if dropped.digest() != frame.dropped_digest {
+            return Err(format!("frame {}: what is dropped is not what the master says", frame.number));
+        }
+        let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, .. } = frame;
         let when_missing = self.when_missing;
         self.behind = self.behind.saturating_sub(1);
-        self.pending = Some(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views, when_missing });
+        self.pending =
+            Some(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views, dropped, when_missing });
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));
         self.plan();
         Ok(())

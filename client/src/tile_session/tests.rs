@@ -5,7 +5,7 @@ use glam::DVec3;
 use mullion_common::scene::{AlphaMode, ChunkKind, ChunkRecord, LeafRecord, Material, MaterialId, Package, Scene, SectionKind};
 use mullion_common::visible_set::{LeafRange, VisibleDelta};
 use mullion_common::wall::{Eye, ObserverId, TileId};
-use mullion_common::wire::{FrameView, PROTOCOL_VERSION};
+use mullion_common::wire::{Counted, FrameView, ObjectCount, PROTOCOL_VERSION};
 
 use super::*;
 
@@ -46,7 +46,15 @@ fn welcome() -> ToTile {
         near_m: 0.05,
     };
     let node = "t0x0".into();
-    ToTile::Welcome(Welcome { version: PROTOCOL_VERSION, session: 1, node, views: vec![view], rate_hz: 60.0, next_frame: 0 })
+    ToTile::Welcome(Welcome {
+        version: PROTOCOL_VERSION,
+        session: 1,
+        node,
+        views: vec![view],
+        rate_hz: 60.0,
+        next_frame: 0,
+        count_every: 0,
+    })
 }
 
 fn manifest() -> ToTile {
@@ -65,7 +73,15 @@ fn frame(number: u64, base: Option<u64>, added: &[(u32, u32)]) -> ToTile {
     let leaves = VisibleDelta { removed: VisibleSet::default(), added };
     let view = FrameView { eye: DVec3::Z, budget: Budget::default(), leaves, digest };
     let shared_eye = DVec3::new(2.5, 0.5, 0.5);
-    ToTile::Frame(Frame { number, epoch: 1, base, shared_eye, views: vec![view], ..Frame::default() })
+    ToTile::Frame(Frame {
+        number,
+        epoch: 1,
+        base,
+        shared_eye,
+        views: vec![view],
+        dropped_digest: VisibleSet::default().digest(),
+        ..Frame::default()
+    })
 }
 
 fn actions(session: &mut TileSession) -> Vec<Action> {
@@ -574,4 +590,62 @@ fn a_scene_that_does_not_begin_with_the_one_before_ends_the_connection() {
     session.handle_message(manifest());
     session.handle_message(grown_manifest(2));
     assert_eq!(actions(&mut session), [Action::Send(ToMaster::Prepared { epoch: 2 })], "who draws nothing is always prepared");
+}
+
+/// As [`frame`], with leaves that are dropped, none before.
+fn frame_dropping(number: u64, base: Option<u64>, added: &[(u32, u32)], dropped: &VisibleSet) -> ToTile {
+    let ToTile::Frame(frame) = frame(number, base, added) else { unreachable!("it is a frame") };
+    let delta = VisibleDelta { removed: VisibleSet::default(), added: dropped.clone() };
+    ToTile::Frame(Frame { dropped: delta, dropped_digest: dropped.digest(), ..frame })
+}
+
+#[test]
+fn what_is_dropped_comes_apart_from_what_is_seen_and_must_be_the_masters() {
+    let mut session = drawn();
+    let dropped = VisibleSet::from_ranges([LeafRange::new(1, 2), LeafRange::new(70, 90)]);
+    session.handle_message(frame_dropping(1, Some(0), &[], &dropped));
+    let [Action::Draw(drawn)] = &actions(&mut session)[..] else { panic!("all is there") };
+    assert_eq!((&drawn.views[0].leaves, &drawn.dropped), (&VisibleSet::all(3), &dropped));
+    session.drawn(1, DrawStats::default());
+    // Nothing is dropped since frame 0; since frame 1, the master speaks of another set than there is.
+    let ToTile::Frame(mut frame) = frame_dropping(2, Some(0), &[], &VisibleSet::default()) else { unreachable!("it is a frame") };
+    session.handle_message(ToTile::Frame(frame.clone()));
+    assert!(matches!(actions(&mut session).last(), Some(Action::Draw(frame)) if frame.dropped.is_empty()));
+    session.drawn(2, DrawStats::default());
+    (frame.number, frame.dropped_digest) = (3, dropped.digest());
+    session.handle_message(ToTile::Frame(frame));
+    assert_eq!(left(&mut session), "frame 3: what is dropped is not what the master says");
+}
+
+#[test]
+fn what_is_drawn_is_counted_where_the_master_asks_for_it() {
+    let mut session = drawn();
+    session.disconnected();
+    session.connected();
+    let ToTile::Welcome(welcome) = welcome() else { unreachable!("it is a welcome") };
+    session.handle_message(ToTile::Welcome(Welcome { count_every: 2, ..welcome }));
+    session.handle_message(manifest());
+    let mut told = Vec::new();
+    for number in 0..4 {
+        session.handle_message(frame(number, None, &[(0, 3)]));
+        assert!(matches!(actions(&mut session).last(), Some(Action::Draw(_))));
+        session.drawn(number, DrawStats::default());
+        // Neither the master nor the picture waits for a count.
+        assert!(matches!(&actions(&mut session)[..], [Action::Send(ToMaster::Ready { .. })]));
+        session.handle_message(ToTile::Swap { frame: number });
+        assert_eq!(session.poll_action(), Some(Action::Show { frame: number }));
+        if let Some(Action::Count(frame, order)) = session.poll_action() {
+            assert_eq!((frame.number, &order), (number, &CountOrder { place: 0, objects: vec![ObjectId(0)] }));
+            let count = |object: &ObjectId| ObjectCount { object: *object, visible_px: 7, distance_m: 1.0 };
+            session.counted(number, ViewId(0), order.objects.iter().map(count).collect());
+            told.extend(actions(&mut session));
+        }
+    }
+    let counted = |frame| {
+        let objects = vec![ObjectCount { object: ObjectId(0), visible_px: 7, distance_m: 1.0 }];
+        Action::Send(ToMaster::Counted(Counted { frame, view: ViewId(0), objects }))
+    };
+    assert_eq!(told, [counted(0), counted(2)]);
+    session.counted(3, ViewId(0), Vec::new());
+    assert_eq!(actions(&mut session), [], "who cannot count says nothing");
 }

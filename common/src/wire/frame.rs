@@ -4,7 +4,7 @@ use glam::{DAffine3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    MAX_TO_TILE_BYTES, MAX_VIEWS, WireError, codec, framed,
+    MAX_DROPPED_RANGES, MAX_TO_TILE_BYTES, MAX_VIEWS, WireError, codec, framed,
     message::tag,
     ranges::{put_set, take_set},
     within,
@@ -46,10 +46,11 @@ pub struct Moved {
 /// A frame for one node.
 ///
 /// As bytes after the tag: number u64, epoch u32, scene time f64, `world_from_room` 12 × f64 (three columns and the
-/// translation), shared eye 3 × f64, base `Option<u64>`, view count u32, count of moved objects u32; for each view: eye
+/// translation), shared eye 3 × f64, base `Option<u64>`, digest u64 of all that is dropped, view count u32, count of moved objects u32; for each view: eye
 /// 3 × f64, budget `Option<u32>` triangles, `Option<u32>` microseconds, digest u64 of the whole set; for each view: the set of leaves removed, the set
 /// of leaves added (a set is a uvarint count, then per range the uvarint distance from one past the end of the range
-/// before, or from 0, and the uvarint length less one); for each moved object: id u32, 12 × f64.
+/// before, or from 0, and the uvarint length less one); in the same way what is dropped no more, and what is dropped; for each moved
+/// object: id u32, 12 × f64.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     /// Its number: one more than that of the frame before.
@@ -66,6 +67,11 @@ pub struct Frame {
     pub base: Option<u64>,
     /// In the order of the views in the welcome.
     pub views: Vec<FrameView>,
+    /// Leaves that no view of the wall draws, though some see them: their objects hardly contribute. Against the frame's base. An estimate,
+    /// and no part of any visible set; the same for all nodes.
+    pub dropped: VisibleDelta,
+    /// [`VisibleSet::digest`](crate::visible_set::VisibleSet::digest) of all that is dropped.
+    pub dropped_digest: u64,
     /// Every object that moved since the base, or since the manifest where there is no base.
     pub moved: Vec<Moved>,
 }
@@ -78,6 +84,7 @@ struct Head {
     world_from_room: [f64; 12],
     shared_eye: [f64; 3],
     base: Option<u64>,
+    dropped_digest: u64,
     views: u32,
     moved: u32,
 }
@@ -101,6 +108,7 @@ impl Frame {
     /// When the frame passes a cap.
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         within("views", self.views.len(), MAX_VIEWS)?;
+        check_dropped(&self.dropped)?;
         framed(out, tag::FRAME, MAX_TO_TILE_BYTES, |out| {
             let head = Head {
                 number: self.number,
@@ -109,6 +117,7 @@ impl Frame {
                 world_from_room: self.world_from_room.to_cols_array(),
                 shared_eye: self.shared_eye.to_array(),
                 base: self.base,
+                dropped_digest: self.dropped_digest,
                 views: self.views.len() as u32,
                 moved: self.moved.len() as u32,
             };
@@ -120,6 +129,8 @@ impl Frame {
                 put_set(out, &view.leaves.removed);
                 put_set(out, &view.leaves.added);
             }
+            put_set(out, &self.dropped.removed);
+            put_set(out, &self.dropped.added);
             put_moved(out, &self.moved);
             Ok(())
         })
@@ -146,6 +157,10 @@ impl Frame {
             take_set(&mut bytes, &mut view.leaves.removed)?;
             take_set(&mut bytes, &mut view.leaves.added)?;
         }
+        let mut dropped = VisibleDelta::default();
+        take_set(&mut bytes, &mut dropped.removed)?;
+        take_set(&mut bytes, &mut dropped.added)?;
+        check_dropped(&dropped)?;
         if head.base.is_some_and(|base| base >= head.number) {
             return Err(WireError::Bulk { what: "base" });
         }
@@ -158,9 +173,16 @@ impl Frame {
             shared_eye,
             base: head.base,
             views,
+            dropped,
+            dropped_digest: head.dropped_digest,
             moved,
         })
     }
+}
+
+fn check_dropped(dropped: &VisibleDelta) -> Result<(), WireError> {
+    let most = dropped.removed.ranges().len().max(dropped.added.ranges().len());
+    within("ranges of leaves that are dropped", most, MAX_DROPPED_RANGES)
 }
 
 /// Appends moved objects: of each its id and its transform.

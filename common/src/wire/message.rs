@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::codec::List;
 use super::{
-    Frame, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_NAME_BYTES, MAX_OPENING_BYTES, MAX_PIECE_BYTES, MAX_REASON_BYTES,
-    MAX_TILE_SECTION_BYTES, MAX_TO_MASTER_BYTES, MAX_TO_TILE_BYTES, MAX_VIEWS, MAX_WANTED, Manifest, WireError, codec, framed,
-    within,
+    Counted, Frame, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_NAME_BYTES, MAX_OPENING_BYTES, MAX_PIECE_BYTES,
+    MAX_REASON_BYTES, MAX_TILE_SECTION_BYTES, MAX_TO_MASTER_BYTES, MAX_TO_TILE_BYTES, MAX_VIEWS, MAX_WANTED, Manifest, WireError,
+    codec, framed, within,
 };
 use crate::scene::ChunkHash;
 use crate::wall::{Eye, ObserverId, TileId, ViewId, Wall};
@@ -35,6 +35,7 @@ pub(super) mod tag {
     pub const PREPARED: u8 = 19;
     pub const INSERTIONS: u8 = 20;
     pub const UNPREPARED: u8 = 21;
+    pub const COUNTED: u8 = 22;
 }
 
 /// What a node did lately. Whether or not anything changed, one comes every second.
@@ -78,7 +79,7 @@ pub struct Pong {
 }
 
 /// From a node to the master, after the greeting.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum ToMaster {
     /// The frame is drawn and can be shown.
     Ready {
@@ -104,6 +105,8 @@ pub enum ToMaster {
     Ping(Ping),
     /// What it did lately.
     Stats(Stats),
+    /// How much is to be seen of what it drew, or did not.
+    Counted(Counted),
     /// It goes.
     Bye(Bye),
 }
@@ -278,6 +281,8 @@ pub struct Welcome {
     pub rate_hz: f64,
     /// Number of the next frame.
     pub next_frame: u64,
+    /// In each view, some objects are counted every so many frames; 0: none ever.
+    pub count_every: u32,
 }
 
 /// From the master to a node, on the control connection.
@@ -393,6 +398,7 @@ impl ToMaster {
             Self::Unprepared { epoch, reason } => framed(out, tag::UNPREPARED, cap, |out| put_reason(out, *epoch, reason)),
             Self::Ping(ping) => framed(out, tag::PING, cap, |out| Ok(codec::encode_into(ping, out)?)),
             Self::Stats(stats) => framed(out, tag::STATS, cap, |out| Ok(codec::encode_into(stats, out)?)),
+            Self::Counted(counted) => counted.encode(out),
             Self::Bye(bye) => framed(out, tag::BYE, cap, |out| put_bye(out, bye)),
         }
     }
@@ -400,7 +406,7 @@ impl ToMaster {
     /// Reads a body.
     ///
     /// # Errors
-    /// When it is no such message, or a part passes its cap.
+    /// When it is no such message, a part passes its cap, or a distance is not finite.
     pub fn decode(body: &[u8]) -> Result<Self, WireError> {
         let (tag, rest) = split_tag(body, MAX_TO_MASTER_BYTES)?;
         match tag {
@@ -415,6 +421,7 @@ impl ToMaster {
             }
             tag::PING => Ok(Self::Ping(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
             tag::STATS => Ok(Self::Stats(codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?)),
+            tag::COUNTED => Ok(Self::Counted(Counted::decode(rest)?)),
             tag::BYE => Ok(Self::Bye(take_bye(rest)?)),
             tag => Err(WireError::Tag { tag }),
         }

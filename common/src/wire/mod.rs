@@ -39,6 +39,7 @@
 //! | 19 | Prepared | node, control; standby | epoch u32 |
 //! | 20 | [`Insertions`] | master, standby | entered u32, list of [`Insertion`]; answered by Prepared or Unprepared |
 //! | 21 | Unprepared | standby | epoch u32, reason string |
+//! | 22 | [`Counted`] | node, control | frame u64, view u16, then for each object: id u32, visible_px u32, distance_m f32, to the end of the body |
 //!
 //! # A session
 //! `Hello` → `Welcome`, `Manifest`; then the node opens its chunk connection with the session number that `Welcome`
@@ -58,8 +59,14 @@
 //! A frame's `base` is a frame that this node said `Ready` for on this connection, at most [`BASE_WINDOW`] frames back;
 //! without a base the delta is against empty sets. A view's digest tells whether the set that came of it is the master's. Transforms are absolute, of every object that moved since the base
 //! (or since the first manifest). A node keeps the sets of the last [`BASE_WINDOW`] frames that it acknowledged.
+//!
+//! # What hardly contributes
+//! Where [`Welcome::count_every`] is not 0, a node counts, every so many frames, how much of the boxes of some objects that it sees is visible,
+//! and says `Counted`. The master sums that up over the wall and names with each frame what is not to be drawn though tiles see it, the
+//! same for all nodes. Visible sets stay what they are.
 
 pub mod codec;
+mod counted;
 mod frame;
 mod manifest;
 mod message;
@@ -72,6 +79,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 pub use codec::CodecError;
+pub use counted::{Counted, ObjectCount};
 pub use frame::{Budget, Frame, FrameView, Moved};
 pub use manifest::{Manifest, SectionRef};
 pub use message::{Bye, ByeCode, ChunkReply, Piece, Ping, Pong, Shown, Stats, ToMaster, ToTile, ViewSpec, Want, Welcome};
@@ -81,7 +89,7 @@ pub use standby::{Course, Insertion, Insertions, RivalHello, StandbyHello, Steer
 use crate::scene::{MAX_CHUNK_BYTES, SectionKind};
 
 /// Version of the protocol. Master and nodes speak only their own.
-pub const PROTOCOL_VERSION: u32 = 5;
+pub const PROTOCOL_VERSION: u32 = 6;
 /// First bytes of a greeting, after its tag.
 pub const MAGIC: [u8; 4] = *b"MULL";
 
@@ -122,6 +130,10 @@ pub const MAX_SECTIONS: usize = MAX_PARTS * SectionKind::FOR_TILES.len();
 pub const MAX_TILE_SECTION_BYTES: u64 = 1 << 30;
 /// Most blobs that a node may have asked for and not got.
 pub const MAX_WANTED: usize = 256;
+/// Most objects whose boxes are counted in one message.
+pub const MAX_COUNTED: usize = 256;
+/// Most ranges of leaves that are dropped.
+pub const MAX_DROPPED_RANGES: usize = 1 << 16;
 /// How many frames back a base may lie.
 pub const BASE_WINDOW: usize = 8;
 /// How long the other side may say nothing before it counts as gone.
@@ -130,6 +142,7 @@ pub const SILENCE_LIMIT: Duration = Duration::from_secs(10);
 pub const ALIVE_EVERY: Duration = Duration::from_secs(1);
 
 const _: () = assert!(1 + 8 + MAX_WANTED * 32 <= MAX_CHUNK_REQUEST_BYTES, "a full list fits its cap");
+const _: () = assert!(1 + 8 + 2 + MAX_COUNTED * size_of::<ObjectCount>() <= MAX_TO_MASTER_BYTES, "a full count fits its cap");
 const _: () = assert!(1 + 4 + 8 + MAX_REASON_BYTES <= MAX_OPENING_BYTES, "a refusal fits every cap");
 const _: () = assert!(1 + 32 + 8 + 8 + MAX_PIECE_BYTES <= MAX_CHUNK_REPLY_BYTES, "a full piece fits its cap");
 const _: () = assert!(MAX_CHUNK_BYTES as u64 <= MAX_TILE_SECTION_BYTES, "one cap holds for chunks and sections");

@@ -69,6 +69,7 @@ fn welcome() -> ToTile {
         }],
         rate_hz: 60.0,
         next_frame: 5,
+        count_every: 4,
     })
 }
 
@@ -95,8 +96,15 @@ fn frame() -> Frame {
             leaves: VisibleDelta { removed: set(&[(0, 1)]), added: set(&[(5, 8), (300, 500)]) },
             digest: 0x0102,
         }],
+        dropped: VisibleDelta { removed: set(&[(2, 4)]), added: set(&[(6, 7)]) },
+        dropped_digest: 0x0304,
         moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
     }
+}
+
+fn counted() -> ToMaster {
+    let count = |object, visible_px| ObjectCount { object: ObjectId(object), visible_px, distance_m: 2.5 };
+    ToMaster::Counted(Counted { frame: 258, view: ViewId(3), objects: vec![count(6, 500), count(9, 0)] })
 }
 
 fn bytes(encode: impl FnOnce(&mut Vec<u8>) -> Result<(), WireError>) -> Vec<u8> {
@@ -143,6 +151,7 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
         ("prepared", bytes(|out| ToMaster::Prepared { epoch: 258 }.encode(out))),
         ("insertions", bytes(|out| insertions().encode(out))),
         ("unprepared", bytes(|out| ToMaster::unprepared(258, "no".into()).encode(out))),
+        ("counted", bytes(|out| counted().encode(out))),
     ]
 }
 
@@ -152,17 +161,17 @@ fn golden_bytes() {
     let golden = [
         (
             "hello",
-            format!("01 4d554c4c05000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
+            format!("01 4d554c4c06000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
         ),
-        ("chunk hello", "02 4d554c4c05000000 0201000000000000".into()),
+        ("chunk hello", "02 4d554c4c06000000 0201000000000000".into()),
         ("ready", "03 0201000000000000 01 0101000000000000 0700000000000000".into()),
         ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
         ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
         (
             "welcome",
             format!(
-                "06 05000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
-                 01000000 {} 80020000 e0010000 {} {} 0500000000000000",
+                "06 06000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
+                 01000000 {} 80020000 e0010000 {} {} 0500000000000000 04000000",
                 f64s(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
                 f64s(&[0.25]),
                 f64s(&[60.0]),
@@ -172,8 +181,8 @@ fn golden_bytes() {
         (
             "frame",
             format!(
-                "08 0900000000000000 01000000 {} {} {} 010800000000000000 01000000 01000000 {} 01e8030000 00 0201000000000000 \
-                 01 00 00  02 05 02 a302 c701  06000000 {}",
+                "08 0900000000000000 01000000 {} {} {} 010800000000000000 0403000000000000 01000000 01000000 {} 01e8030000 00 \
+                 0201000000000000 01 00 00  02 05 02 a302 c701  01 02 01  01 06 00  06000000 {}",
                 f64s(&[0.5]),
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0]),
                 f64s(&[0.0, 1.0, 0.0]),
@@ -190,7 +199,7 @@ fn golden_bytes() {
         ("bye on chunks", "05 03000000 0200000000000000 6e6f".into()),
         ("ping", "0e 0201000000000000".into()),
         ("pong", "0f 0201000000000000 0300000000000000".into()),
-        ("standby hello", format!("10 4d554c4c05000000 {ab} {}", "cd".repeat(32))),
+        ("standby hello", format!("10 4d554c4c06000000 {ab} {}", "cd".repeat(32))),
         (
             "course",
             format!(
@@ -202,7 +211,7 @@ fn golden_bytes() {
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
             ),
         ),
-        ("rival hello", format!("12 4d554c4c05000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
+        ("rival hello", format!("12 4d554c4c06000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
         ("prepared", "13 02010000".into()),
         (
             "insertions",
@@ -212,6 +221,7 @@ fn golden_bytes() {
             ),
         ),
         ("unprepared", "15 02010000 0200000000000000 6e6f".into()),
+        ("counted", "16 0201000000000000 0300 06000000 f4010000 00002040 09000000 00000000 00002040".into()),
     ];
     for ((name, bytes), (golden_name, golden)) in samples().iter().zip(golden) {
         assert_eq!(*name, golden_name);
@@ -230,6 +240,7 @@ fn messages_go_round() {
     for message in [welcome(), manifest(), ToTile::Frame(frame()), ToTile::Swap { frame: 3 }, ToTile::Alive] {
         assert_eq!(ToTile::decode(body_of(&bytes(|out| message.encode(out)))), Ok(message));
     }
+    assert_eq!(ToMaster::decode(body_of(&bytes(|out| counted().encode(out)))), Ok(counted()));
     let piece = ChunkReply::Piece(Piece { hash: ChunkHash([1; 32]), offset: 0, total: 3, bytes: b"abc" });
     assert_eq!(ChunkReply::decode(body_of(&bytes(|out| piece.encode(out)))), Ok(piece));
 }
@@ -290,6 +301,17 @@ fn caps_hold_both_ways() {
     let across_the_cap = format!("a{}", "é".repeat(MAX_REASON_BYTES));
     assert_eq!(Bye::new(ByeCode::Failed, across_the_cap).reason.len(), MAX_REASON_BYTES - 1, "no character is cut in two");
 
+    let counted = |objects: Vec<ObjectCount>| ToMaster::Counted(Counted { frame: 1, view: ViewId(0), objects });
+    let count = |object| ObjectCount { object: ObjectId(object), visible_px: 1, distance_m: 1.0 };
+    let full = counted((0..MAX_COUNTED as u32).map(count).collect());
+    assert_eq!(ToMaster::decode(body_of(&bytes(|out| full.encode(out)))), Ok(full));
+    assert!(matches!(counted(vec![count(0); MAX_COUNTED + 1]).encode(&mut out), Err(WireError::Limit { .. })));
+    let ranges = |count: usize| (0..count as u32).map(|i| LeafRange::new(2 * i, 2 * i + 1));
+    let dropped = |count| VisibleDelta { removed: VisibleSet::default(), added: VisibleSet::from_ranges(ranges(count)) };
+    assert!(Frame { dropped: dropped(MAX_DROPPED_RANGES), ..frame() }.encode(&mut out).is_ok());
+    let too_many = Frame { dropped: dropped(MAX_DROPPED_RANGES + 1), ..frame() }.encode(&mut out);
+    assert!(matches!(too_many, Err(WireError::Limit { .. })));
+
     let claims = |list: u64| [&[tag(11)][..], &list.to_le_bytes()].concat();
     assert!(Want::decode(&claims(u64::MAX)).is_err());
     assert!(Want::decode(&claims(MAX_WANTED as u64)).is_err());
@@ -312,6 +334,15 @@ fn what_is_not_finite_or_backwards_is_refused() {
     assert!(refused(|f| f.views[0].eye.y = f64::NAN));
     assert!(refused(|f| f.shared_eye.y = f64::NAN));
     assert!(refused(|f| f.base = Some(9)));
+    let refused = |change: fn(&mut Vec<ObjectCount>)| {
+        let ToMaster::Counted(mut bad) = counted() else { unreachable!("it is counts") };
+        change(&mut bad.objects);
+        ToMaster::decode(body_of(&bytes(|out| bad.encode(out)))).is_err()
+    };
+    assert!(!refused(|_| {}));
+    assert!(refused(|counts| counts.swap(0, 1)));
+    assert!(refused(|counts| counts[1].object = ObjectId(6)));
+    assert!(refused(|counts| counts[1].distance_m = f32::NAN));
 }
 
 fn decode_all(body: &[u8]) {
@@ -321,7 +352,8 @@ fn decode_all(body: &[u8]) {
     let _ = ChunkReply::decode(body);
     let _ = ToStandby::decode(body);
     if let Ok(ToTile::Frame(frame)) = ToTile::decode(body) {
-        for set in frame.views.iter().flat_map(|v| [&v.leaves.removed, &v.leaves.added]) {
+        let dropped = [&frame.dropped.removed, &frame.dropped.added];
+        for set in frame.views.iter().flat_map(|v| [&v.leaves.removed, &v.leaves.added]).chain(dropped) {
             assert!(set.ranges().iter().all(|r| r.start < r.end) && set.ranges().windows(2).all(|w| w[0].end < w[1].start));
         }
     }
@@ -337,7 +369,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn no_bytes_make_a_decoder_panic(tag in 0..22u8, rest in proptest::collection::vec(any::<u8>(), 0..300)) {
+    fn no_bytes_make_a_decoder_panic(tag in 0..23u8, rest in proptest::collection::vec(any::<u8>(), 0..300)) {
         decode_all(&[&[tag][..], &rest].concat());
         decode_all(&[&[tag][..], &MAGIC, &PROTOCOL_VERSION.to_le_bytes(), &rest].concat());
     }
@@ -359,9 +391,10 @@ proptest! {
     }
 
     #[test]
-    fn sets_go_round(removed in any_set(), added in any_set()) {
+    fn sets_go_round(removed in any_set(), added in any_set(), dropped in any_set()) {
         let mut frame = frame();
         frame.views[0].leaves = VisibleDelta { removed, added };
+        frame.dropped.added = dropped;
         let decoded = ToTile::decode(body_of(&bytes(|out| frame.encode(out))));
         prop_assert_eq!(decoded, Ok(ToTile::Frame(frame)));
     }

@@ -5,13 +5,14 @@
 //!   → begin_epoch → Manifest to every node … Prepared … → is_epoch_due → enter_epoch, begin_frame
 //! ```
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use mullion_common::scene::SectionKind;
 use mullion_common::wire::{Bye, ByeCode, Insertion, MAX_SECTIONS, Manifest, SectionRef, ToTile};
 use thiserror::Error;
 
-use super::{Kind, Master, PeerId, Phase};
+use super::{Kind, Master, ObjectLeaves, PeerId, Phase};
 use crate::swap_barrier::{NodeIndex, Standing};
 
 /// How long a standby may take to prepare for an epoch before nodes are told of it nevertheless, and how long live nodes may take then
@@ -117,6 +118,13 @@ impl Master {
         self.epoch += 1;
         for node in (0..self.nodes.len() as u16).map(NodeIndex) {
             self.hold_back_unprepared(node);
+        }
+    }
+
+    /// The scene that frames are of from now on has these objects.
+    pub fn know_objects(&mut self, objects: Arc<ObjectLeaves>) {
+        if let Some(contributions) = &mut self.contributions {
+            contributions.grow(objects);
         }
     }
 

@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 
 use glam::{DAffine3, DVec3};
 use mullion_common::scene::ObjectId;
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{VisibleDelta, VisibleSet};
 use mullion_common::wire::{BASE_WINDOW, Budget, Course, Frame, FrameView, Moved, Steering};
 
 use super::FrameInput;
@@ -16,6 +16,7 @@ struct Past {
     number: u64,
     /// By `ViewId`.
     sets: Vec<VisibleSet>,
+    dropped: VisibleSet,
 }
 
 #[derive(Debug)]
@@ -35,13 +36,19 @@ pub(super) struct History {
     shared_eye: DVec3,
     steering: Steering,
     presence: LastWords,
+    /// Digest of what is dropped in the newest frame.
+    dropped_digest: u64,
+    /// What changed in that since each base that a node has: most have the same.
+    dropped_since: Vec<(Option<u64>, VisibleDelta)>,
+    /// How many of these are of the newest frame.
+    dropped_known: usize,
     moved: Vec<MovedAt>,
     place_of: HashMap<ObjectId, usize>,
 }
 
 impl History {
-    /// Takes a frame. Allocates only while sets grow, or where an object moves for the first time.
-    pub fn push(&mut self, input: &FrameInput<'_>) {
+    /// Takes a frame, and what no view draws in it. Allocates only while sets grow, or where an object moves for the first time.
+    pub fn push(&mut self, input: &FrameInput<'_>, dropped: &VisibleSet) {
         let mut newest = if self.past.len() > BASE_WINDOW { self.past.pop_front() } else { None }.unwrap_or_default();
         newest.number = input.number;
         newest.sets.resize_with(input.sets.len(), VisibleSet::default);
@@ -49,6 +56,8 @@ impl History {
             kept.clear();
             set.ranges().iter().for_each(|range| kept.push(*range));
         }
+        newest.dropped.clone_from(dropped);
+        (self.dropped_digest, self.dropped_known) = (dropped.digest(), 0);
         self.past.push_back(newest);
         self.scene_time_s = input.scene_time_s;
         self.world_from_room = input.world_from_room;
@@ -93,7 +102,7 @@ impl History {
     }
 
     /// Makes `frame` the newest one for a node with these views that has acknowledged `acked`. Reuses its memory.
-    pub fn write(&self, views: &[ViewId], acked: Option<u64>, epoch: u32, frame: &mut Frame) {
+    pub fn write(&mut self, views: &[ViewId], acked: Option<u64>, epoch: u32, frame: &mut Frame) {
         let Some(newest) = self.past.back() else { return };
         let is_base = |past: &&Past| Some(past.number) == acked && past.number < newest.number;
         let base = self.past.iter().find(is_base);
@@ -111,6 +120,21 @@ impl History {
             out.leaves.between(base.map_or(&nothing, |base| &base.sets[view]), &newest.sets[view]);
             out.digest = newest.sets[view].digest();
         }
+        frame.dropped_digest = self.dropped_digest;
+        let known = self.dropped_since[..self.dropped_known].iter().position(|(since, _)| *since == frame.base);
+        let known = known.unwrap_or_else(|| {
+            if self.dropped_known == self.dropped_since.len() {
+                self.dropped_since.push(Default::default());
+            }
+            let (since, delta) = &mut self.dropped_since[self.dropped_known];
+            *since = frame.base;
+            delta.between(base.map_or(&nothing, |base| &base.dropped), &newest.dropped);
+            self.dropped_known += 1;
+            self.dropped_known - 1
+        });
+        let VisibleDelta { removed, added } = &self.dropped_since[known].1;
+        frame.dropped.removed.clone_from(removed);
+        frame.dropped.added.clone_from(added);
         frame.moved.clear();
         let is_news = |at: &&MovedAt| base.is_none_or(|base| at.frame > base.number);
         frame.moved.extend(self.moved.iter().filter(is_news).map(|at| at.moved));

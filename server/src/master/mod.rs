@@ -8,10 +8,12 @@
 //! WantFrame(n) → begin_frame(n) → Send(Frame) to every node … Ready(n) … → Send(Swap), FrameReleased(n) → WantFrame(n+1)
 //! ```
 
+mod adaptive;
 mod admission;
 mod epochs;
 mod history;
 mod last_words;
+mod object_leaves;
 mod outbox;
 mod rivals;
 mod sessions;
@@ -34,12 +36,15 @@ use mullion_common::wire::{
 };
 
 use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, SwapBarrier};
+use adaptive::Contributions;
+pub use adaptive::{Adaptive, COUNT_EVERY, COUNT_HOLDS_FRAMES, DROPS_BELOW, ENTERING_FRAMES, MAX_DROPPED_OBJECTS};
 pub use admission::Admission;
 use admission::Claim;
 use epochs::NextEpoch;
 pub use epochs::{EPOCH_WAIT, EpochError};
 use history::History;
 pub(crate) use last_words::LastWords;
+pub use object_leaves::ObjectLeaves;
 pub use outbox::{Full, Kind, MAX_QUEUED, MAX_WAITING, Message, Outbox};
 use rivals::Pulse;
 pub use spares::SPARE_AFTER;
@@ -83,6 +88,8 @@ pub struct MasterOptions {
     pub sections: Vec<SectionRef>,
     /// What the scene has grown by under masters before.
     pub insertions: Vec<Insertion>,
+    /// What hardly contributes is drawn on no tile; `None`: all that is seen is drawn.
+    pub adaptive: Option<Adaptive>,
     /// Makes session numbers unguessable: random bytes, fresh for each run.
     pub session_seed: [u8; 32],
 }
@@ -261,6 +268,7 @@ pub struct Master {
     standbys: Vec<Standby>,
     barrier: SwapBarrier,
     history: History,
+    contributions: Option<Contributions>,
     phase: Phase,
     pulse: Pulse,
     /// When the newest frame was due.
@@ -288,6 +296,7 @@ impl Master {
         let nodes: Vec<NodeState> = wall.nodes().iter().map(node_of).collect();
         Self {
             barrier: SwapBarrier::new(nodes.len(), options.barrier.clone()),
+            contributions: options.adaptive.clone().map(|adaptive| Contributions::new(&wall, adaptive)),
             wall,
             admission: Admission::default(),
             epoch: 1 + options.insertions.len() as u32,
@@ -402,6 +411,7 @@ impl Master {
                 self.send(node, &ToTile::Pong(pong), Kind::Alive, now);
             }
             ToMaster::Stats(stats) => state.stats = stats,
+            ToMaster::Counted(counted) => self.handle_counted(peer, node, &counted),
             ToMaster::Bye(bye) => self.drop_peer(peer, bye),
         }
         self.advance(now);
@@ -461,7 +471,11 @@ impl Master {
         assert!(self.phase == Phase::Wanted && input.number == self.next_frame, "frame {} is not wanted", input.number);
         assert_eq!(input.sets.len(), self.wall.views().len(), "a set for each view");
         assert_eq!(input.eyes.len(), self.wall.views().len(), "an eye for each view");
-        self.history.push(input);
+        if let Some(contributions) = &mut self.contributions {
+            contributions.decide(input.number, input.eyes, input.sets);
+        }
+        let nothing = VisibleSet::default();
+        self.history.push(input, self.contributions.as_ref().map_or(&nothing, Contributions::dropped));
         self.next_frame += 1;
         self.phase = Phase::Running;
         self.barrier.begin(input.number, now);
@@ -538,6 +552,9 @@ impl Master {
         let connection = Connection { peer, holder, identity, chunk_peer: None, session, heard, said, acked: None, prepared };
         self.nodes[index].connection = Some(connection);
         self.barrier.join(node);
+        if let Some(contributions) = &mut self.contributions {
+            contributions.join(&self.nodes[index].views, self.next_frame);
+        }
         let welcome = Welcome {
             version: PROTOCOL_VERSION,
             session,
@@ -545,6 +562,7 @@ impl Master {
             views: self.nodes[index].views.iter().map(|view| ViewSpec::of(&self.wall, *view)).collect(),
             rate_hz: self.wall.rate_hz(),
             next_frame: self.next_frame,
+            count_every: if self.contributions.is_some() { COUNT_EVERY } else { 0 },
         };
         self.send(node, &ToTile::Welcome(welcome), Kind::Control, now);
         self.send_manifests(node, now);
@@ -654,6 +672,9 @@ impl Master {
                 state.absent_since = connection.as_ref().map_or(state.absent_since, |c| c.heard);
                 let chunk_peer = connection.and_then(|c| c.chunk_peer);
                 self.barrier.leave(node);
+                if let Some(contributions) = &mut self.contributions {
+                    contributions.leave(&state.views);
+                }
                 if let Some(chunks) = chunk_peer.filter(|c| self.peers.remove(c).is_some()) {
                     let bye = Bye::new(ByeCode::Leaving, "the node's control connection ended");
                     self.outputs.push_back(Output::Close { peer: chunks, bye });

@@ -50,7 +50,7 @@ impl Master {
                 self.send_to_spare(peer, &ToTile::Pong(pong), now);
             }
             ToMaster::Unprepared { .. } => self.dismiss(peer, Bye::new(ByeCode::Malformed, "a spare is no standby")),
-            ToMaster::Prepared { .. } | ToMaster::Stats(_) => {}
+            ToMaster::Prepared { .. } | ToMaster::Stats(_) | ToMaster::Counted(_) => {}
             ToMaster::Bye(bye) => self.drop_peer(peer, bye.clone()),
         }
     }

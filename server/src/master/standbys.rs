@@ -73,7 +73,7 @@ impl Master {
                     self.dismiss(peer, Bye::new(ByeCode::Refused, reason));
                 }
             }
-            ToMaster::Ping(_) | ToMaster::Stats(_) => {}
+            ToMaster::Ping(_) | ToMaster::Stats(_) | ToMaster::Counted(_) => {}
             ToMaster::Bye(bye) => self.drop_peer(peer, bye),
         }
     }

@@ -1,8 +1,9 @@
 //! How the nodes of a master stand.
 
-use mullion_common::wire::Stats;
+use mullion_common::wall::ViewId;
+use mullion_common::wire::{Bye, ByeCode, Counted, Stats};
 
-use super::{Master, Peer, PeerId};
+use super::{Contributions, Master, Peer, PeerId};
 use crate::swap_barrier::{NodeIndex, Standing};
 
 impl Master {
@@ -29,6 +30,27 @@ impl Master {
     /// What each node last said of itself, by `NodeIndex`.
     pub fn stats(&self) -> impl ExactSizeIterator<Item = Stats> + '_ {
         self.nodes.iter().map(|n| n.stats)
+    }
+
+    /// Objects that no view draws in the newest frame, though some see them.
+    pub fn dropped_objects(&self) -> u32 {
+        self.contributions.as_ref().map_or(0, Contributions::dropped_objects)
+    }
+
+    /// A node says what it counted.
+    pub(super) fn handle_counted(&mut self, peer: PeerId, node: NodeIndex, counted: &Counted) {
+        let newest = self.history.newest();
+        let (Some(newest), true) = (newest.filter(|newest| counted.frame <= *newest), self.has_view(node, counted.view)) else {
+            let reason = format!("counted in view {} of frame {}, but the newest is {newest:?}", counted.view.0, counted.frame);
+            return self.dismiss(peer, Bye::new(ByeCode::Malformed, reason));
+        };
+        if let Some(contributions) = &mut self.contributions {
+            contributions.take(counted, newest);
+        }
+    }
+
+    fn has_view(&self, node: NodeIndex, view: ViewId) -> bool {
+        self.nodes[usize::from(node.0)].views.contains(&view)
     }
 
     /// What the node of a connection is called.

@@ -11,6 +11,7 @@ use thiserror::Error;
 use super::blobs::{Blobs, Part};
 use super::{OfferError, ServiceError};
 use crate::library::{Library, LibraryError};
+use crate::master::ObjectLeaves;
 use crate::prepare::{Placement, graft};
 use crate::tree::{Bounds, DynamicScene};
 
@@ -31,6 +32,8 @@ pub(super) struct Joined {
     pub package: Arc<Package>,
     /// The numbers of the objects that are new.
     pub objects: Range<u32>,
+    /// Of the whole scene.
+    pub object_leaves: Arc<ObjectLeaves>,
     pub part: Arc<Part>,
     /// What nodes fetch of the part.
     pub sections: Vec<SectionRef>,
@@ -43,7 +46,8 @@ impl Joined {
         let package = Arc::new(graft(base, added, &Placement::of(&insertion))?);
         let (part, sections) = Part::since(before, &package)?;
         let objects = before.new_objects(&package.scene.manifest.size());
-        Ok(Self { insertion, package, objects, part: Arc::new(part), sections })
+        let object_leaves = Arc::new(ObjectLeaves::of(&package.scene.manifest));
+        Ok(Self { insertion, package, objects, object_leaves, part: Arc::new(part), sections })
     }
 }
 
@@ -92,6 +96,11 @@ impl Grown {
 
     pub fn objects(&self) -> usize {
         self.package.scene.objects.len()
+    }
+
+    /// Takes as long as there are leaves.
+    pub fn object_leaves(&self) -> Arc<ObjectLeaves> {
+        Arc::new(ObjectLeaves::of(&self.package.scene.manifest))
     }
 
     pub fn sections(&self) -> &[SectionRef] {

@@ -165,6 +165,7 @@ impl Service {
         pose.grows = begins.is_some();
         if let Some(offer) = begins {
             self.master.enter_epoch();
+            self.master.know_objects(Arc::clone(&offer.joined.object_leaves));
             self.grown.grow(&offer.joined);
             // It is seen, whatever it is part of was removed; masters after this one hear of it.
             pose.presence.insert(0, (ObjectId(offer.objects().start), Presence::There));

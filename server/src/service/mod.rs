@@ -38,7 +38,9 @@ use tokio::task::JoinSet;
 use tokio::time::Instant;
 
 use crate::library::Library;
-use crate::master::{Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage};
+use crate::master::{
+    Adaptive, Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage,
+};
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
 use blobs::Blobs;
 use complaints::Complaints;
@@ -89,6 +91,9 @@ pub struct ShowOptions {
     pub standby_of: Option<String>,
     /// How that one is reached.
     pub connector: Connector,
+    /// What contributes less to the wall's picture than this share of its pixels, weighted by distance, is drawn on no tile: more than 0, at
+    /// most 1. `None`: all that is seen is drawn.
+    pub adaptive: Option<f64>,
     /// Packages that other masters may insert: a standby must have what its master's scene grows by.
     pub insert_from: Option<Library>,
     /// Makes session numbers unguessable; `None`: random bytes, fresh for each run. Fixed ones let a simulation be run again.
@@ -109,6 +114,7 @@ impl ShowOptions {
             rate: Rate::Hz(wall.rate_hz()),
             standby_of: None,
             connector: Connector::default(),
+            adaptive: None,
             insert_from: None,
             session_seed: None,
             succession: Succession::default(),
@@ -170,6 +176,8 @@ pub enum ServiceError {
     SectionTooLarge { kind: SectionKind, length: u64 },
     #[error("rate: {0} frames a second; it must be more than 0")]
     Rate(f64),
+    #[error("adaptive: {0} of the wall; it must be more than 0, and at most 1")]
+    Adaptive(f64),
     #[error("frame {frame}: {problem}")]
     Pose { frame: u64, problem: String },
     #[error("the master to stand by for refused: {0}")]
@@ -212,6 +220,9 @@ pub async fn serve_over(mut listener: impl Listener, mut show: Show) -> Result<S
         Rate::Hz(hz) if hz.is_finite() && hz > 0.0 => Pace::Every(Duration::from_secs_f64(1.0 / hz)),
         Rate::Hz(hz) => return Err(ServiceError::Rate(hz)),
     };
+    if let Some(threshold) = show.options.adaptive.filter(|threshold| !(*threshold > 0.0 && *threshold <= 1.0)) {
+        return Err(ServiceError::Adaptive(threshold));
+    }
     let first = Grown::new(Arc::clone(&show.package))?;
     let identity = StandbyHello::of(&show.wall, first.sections()).map_err(io::Error::other)?;
     let mut other = show.options.standby_of.clone();
@@ -345,6 +356,7 @@ impl Service {
             frames: show.options.frames,
             sections: grown.sections().to_vec(),
             insertions: grown.insertions().to_vec(),
+            adaptive: show.options.adaptive.map(|threshold| Adaptive { threshold, objects: grown.object_leaves() }),
             session_seed,
         };
         let admission = match show.options.security {
@@ -650,6 +662,7 @@ impl Service {
         frame.waited = released.waited;
         frame.passed_over = released.passed_over;
         frame.shown_by = released.shown_by;
+        frame.dropped_objects = self.master.dropped_objects();
         frame.connected = self.master.connected() as u32;
         self.live_nodes.store(self.master.live_nodes(), Ordering::Relaxed);
         frame.standings.clear();

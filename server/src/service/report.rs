@@ -55,6 +55,8 @@ pub struct FrameReport {
     pub passed_over: Vec<NodeIndex>,
     /// What each node is to the barrier, by `NodeIndex`.
     pub standings: Vec<Standing>,
+    /// Objects that no tile draws in it, though some see them: they hardly contribute.
+    pub dropped_objects: u32,
     /// Nodes connected.
     pub connected: u32,
     /// Nodes that were told to show it.
