@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat4, Vec3};
-use mullion_common::geometry::{Aabb, RELATIVE_SLACK};
+use mullion_common::geometry::{Aabb, axis_lengths};
 use mullion_common::wall::Projection;
 
 /// By how much of a pixel a box is grown on every side: more than the 1/256 to which rasterisers round.
@@ -45,7 +45,7 @@ impl LocalScale {
         let (matrix, inverse) = (world_from_local.matrix3, world_from_local.matrix3.inverse());
         Self {
             local_from_world: DVec3::from_array([0, 1, 2].map(|row| inverse.row(row).length())),
-            world_from_local: DVec3::from_array([0, 1, 2].map(|column| matrix.col(column).length())),
+            world_from_local: axis_lengths(&matrix),
         }
     }
 }
@@ -66,8 +66,7 @@ impl Grower {
         let (center, half) = (bounds.center(), bounds.size() / 2.0);
         let reach = |row: glam::DVec4| row.truncate().abs().dot(half);
         let (w_center, w_reach) = (w.truncate().dot(center) + w.w, reach(w));
-        // Products with coordinates far from the object's origin are rounded by that much more.
-        let rounded_m = RELATIVE_SLACK * scale.world_from_local.dot(bounds.min.abs().max(bounds.max.abs()));
+        let rounded_m = bounds.rounding_m(scale.world_from_local);
         let grown = scale.local_from_world * (self.grown_m * (w_center + w_reach) + rounded_m);
         let (min, max) = ((bounds.min - grown).as_vec3(), (bounds.max + grown).as_vec3());
         let reach_grown = reach(w) + w.truncate().abs().dot(grown);

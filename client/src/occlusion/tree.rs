@@ -5,8 +5,8 @@
 //! stands for the visible ones of 8^k, beginning with a multiple of that. It is made anew for each frame from where things stand in it, so
 //! that nothing that moves leaves a stale bound.
 
-use glam::{DAffine3, DVec3};
-use mullion_common::geometry::{Aabb, RELATIVE_SLACK};
+use glam::DAffine3;
+use mullion_common::geometry::{Aabb, axis_lengths};
 use mullion_common::scene::{LeafRecord, Transform};
 
 const LEVEL_BITS: u32 = 3;
@@ -102,9 +102,7 @@ impl VisibleTree {
 
 /// In the world, larger by what a GPU may round the leaf's vertices.
 fn bounds_of(local: &Aabb, world_from_local: &DAffine3) -> Aabb {
-    let far = local.min.abs().max(local.max.abs());
-    let columns = [world_from_local.matrix3.x_axis, world_from_local.matrix3.y_axis, world_from_local.matrix3.z_axis];
-    let rounded_m = RELATIVE_SLACK * DVec3::from_array(columns.map(|column| column.length())).dot(far);
+    let rounded_m = local.rounding_m(axis_lengths(&world_from_local.matrix3));
     let bounds = local.transformed(world_from_local);
     Aabb { min: bounds.min - rounded_m, max: bounds.max + rounded_m }
 }
@@ -112,6 +110,7 @@ fn bounds_of(local: &Aabb, world_from_local: &DAffine3) -> Aabb {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
     use mullion_common::scene::{ChunkId, MaterialId, ObjectId};
 
     fn record(k: u32) -> LeafRecord {

@@ -1,7 +1,9 @@
 //! Axis-aligned boxes.
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
+
+use super::RELATIVE_SLACK;
 
 /// An axis-aligned box. Empty when any `min` exceeds its `max`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,8 +65,22 @@ impl Aabb {
         })
     }
 
+    /// How far from its place, metres of the world, a GPU's `f32` may put what is in this box of an object's space: the terms of
+    /// `clip_from_local` are as large as coordinates there, and cancel where they lie far from the object's origin.
+    /// `reach`: lengths of the object's axes in the world, as [`axis_lengths`] gives them.
+    #[inline]
+    pub fn rounding_m(&self, reach: DVec3) -> f64 {
+        RELATIVE_SLACK * reach.dot(self.min.abs().max(self.max.abs()))
+    }
+
     /// The least axis-aligned box in another space that holds this one there.
     pub fn transformed(&self, to_from_here: &DAffine3) -> Self {
         Self::of_points(self.corners().map(|c| to_from_here.transform_point3(c)))
     }
+}
+
+/// How long the axes of one space are in another.
+#[inline]
+pub fn axis_lengths(to_from_here: &DMat3) -> DVec3 {
+    DVec3::new(to_from_here.x_axis.length(), to_from_here.y_axis.length(), to_from_here.z_axis.length())
 }

@@ -7,7 +7,7 @@ mod frustum;
 mod obb;
 mod plane;
 
-pub use aabb::Aabb;
+pub use aabb::{Aabb, axis_lengths};
 pub use frustum::{Frustum, FrustumSide};
 pub use obb::Obb;
 pub use plane::{ABSOLUTE_ROUNDING, BoxTerms, Clearance, Plane};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
 use glam::{DAffine3, Vec3};
-use mullion_common::geometry::{Obb, RELATIVE_SLACK};
+use mullion_common::geometry::{Aabb, Obb, axis_lengths};
 use mullion_common::scene::{
     AlphaMode, ChunkId, ChunkKind, Filter, GeometryChunk, LeafRecord, LeafSource, Material, MaterialId, Object, ObjectHierarchy,
     ObjectId, OhNode, Package, Scene, SceneManifest, Sources, TextureRef, Transform, Wrap,
@@ -305,15 +305,12 @@ fn leaf_bounds(
     bounds
 }
 
-/// The oriented box of a leaf in the world, grown by the rounding of `clip_from_local` on the GPU: its terms are as
-/// large as the vertices' offsets from the object's origin, which cancel when geometry lies far from it.
+/// The oriented box of a leaf in the world, grown by the rounding of `clip_from_local` on the GPU.
 pub(super) fn world_bound(positions: &[[f32; 3]], local: (Vec3, Vec3), world_from_local: &DAffine3) -> Obb {
     let world = positions.iter().map(|p| world_from_local.transform_point3(Vec3::from(*p).as_dvec3()));
     let bound = Obb::around(world).unwrap_or(Obb::of_point(world_from_local.translation));
-    let m = world_from_local.matrix3;
-    let far = local.0.abs().max(local.1.abs()).as_dvec3();
-    let offset_m = m.x_axis.length() * far.x + m.y_axis.length() * far.y + m.z_axis.length() * far.z;
-    bound.grown(offset_m * RELATIVE_SLACK)
+    let local = Aabb { min: local.0.as_dvec3(), max: local.1.as_dvec3() };
+    bound.grown(local.rounding_m(axis_lengths(&world_from_local.matrix3)))
 }
 
 /// A hierarchy, and the drafts of its leaves in order.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::DAffine3;
-use mullion_common::geometry::{Obb, RELATIVE_SLACK};
+use mullion_common::geometry::{Obb, axis_lengths};
 use mullion_common::scene::{NodeId, ObjectId, Package, Presence, Scene};
 
 use super::{Bounds, CullTree, TreeForm};
@@ -136,8 +136,6 @@ fn is_similarity(m: &DAffine3) -> bool {
 /// The box around a leaf's local box, grown by what the GPU's `f32` may round.
 fn bound_of_box(scene: &Scene, leaf: u32, world_from_local: &DAffine3) -> Obb {
     let local = scene.manifest.leaves[leaf as usize].local_aabb();
-    let far = local.min.abs().max(local.max.abs());
-    let m = world_from_local.matrix3;
-    let offset_m = m.x_axis.length() * far.x + m.y_axis.length() * far.y + m.z_axis.length() * far.z;
-    Obb::from(local).transformed(world_from_local).grown(offset_m * RELATIVE_SLACK)
+    let rounded_m = local.rounding_m(axis_lengths(&world_from_local.matrix3));
+    Obb::from(local).transformed(world_from_local).grown(rounded_m)
 }
