@@ -67,6 +67,8 @@ pub struct PassPlan {
     pub first: Option<VisibleSet>,
     /// What is tested once this round is drawn, where nothing of it waits.
     pub bounds: Vec<Bound>,
+    /// Opaque and masked leaves of which a pixel is looked for once this round is drawn, where nothing is tested or counted then.
+    pub look_for: VisibleSet,
     /// What is counted once this round is drawn.
     pub footprints: Vec<Footprint>,
     /// How boxes are tested, with occlusion culling.
@@ -121,7 +123,7 @@ pub struct PassResult {
     /// Runs of leaves drawn with one state.
     pub batches: u32,
     /// With occlusion culling what the next frame had better begin with: leaves of which there is a pixel with [`BoxTest::Sifted`], else, and
-    /// blended ones, leaves whose boxes are seen beyond what was drawn at once.
+    /// blended ones, leaves whose boxes are seen beyond what was drawn at once. Of a round, what was looked for and has a pixel.
     pub seen: Option<VisibleSet>,
     /// And of what waited, what was drawn.
     pub late: VisibleSet,
@@ -151,7 +153,6 @@ pub struct Planner {
     occlusion: Occlusion,
     worth: Option<Worth>,
     adaptive: Option<Adaptive>,
-    frames: u32,
     culled: Vec<CulledView>,
 }
 
@@ -183,7 +184,6 @@ impl Planner {
     /// Starts a frame and returns its first round. A frame that was not complete is dropped.
     pub fn begin(&mut self, input: FrameInput<'_>) -> &FramePlan {
         self.spare_passes.append(&mut self.plan.passes);
-        self.frames = self.frames.wrapping_add(1);
         for view in input.views {
             let mut pass = self.plan_pass(&input, view);
             if self.occlusion == Occlusion::Off {
@@ -193,7 +193,7 @@ impl Planner {
                     self.culled.push(CulledView::new(view.view, self.occlusion, self.worth, self.adaptive));
                     self.culled.len() - 1
                 });
-                self.culled[at].begin(&input, &mut pass, self.frames);
+                self.culled[at].begin(&input, &mut pass);
             }
             self.plan.passes.push(pass);
         }
@@ -221,6 +221,7 @@ impl Planner {
         pass.round = 0;
         pass.opaque.clear();
         pass.bounds.clear();
+        pass.look_for.clear();
         pass.footprints.clear();
         pass.blended.clear();
         pass.boxes.clear();
@@ -253,7 +254,7 @@ impl Planner {
 impl PassPlan {
     /// Whether it is drawn in rounds.
     pub fn is_round(&self) -> bool {
-        self.round > 0 || !self.bounds.is_empty() || !self.footprints.is_empty()
+        self.round > 0 || !self.bounds.is_empty() || !self.footprints.is_empty() || !self.look_for.is_empty()
     }
 
     /// A pass that draws nothing.
@@ -265,6 +266,7 @@ impl PassPlan {
             opaque: VisibleSet::default(),
             first: None,
             bounds: Vec::new(),
+            look_for: VisibleSet::default(),
             footprints: Vec::new(),
             test: BoxTest::Drawn,
             blended: Vec::new(),

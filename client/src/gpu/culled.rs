@@ -24,7 +24,7 @@ pub(super) struct Culling {
 
 /// What the GPU says of a draw.
 const BOX_IS_SEEN: u32 = 1;
-const HAS_PIXEL: u32 = 2;
+pub(super) const HAS_PIXEL: u32 = 2;
 
 /// A draw whose box was tested, or need not be.
 #[derive(Clone, Copy, Debug)]
@@ -67,7 +67,10 @@ impl Renderer {
         self.encode_tests(at, &mut encoder, pass.test, true);
         let late = late_batches..self.list.batches.len();
         self.encode(&self.targets[at], &mut encoder, (Load::Keep, Some(Pass::Second)), late);
-        self.encode_glance(at, &mut encoder, pass.test);
+        let picture = self.picture();
+        if let (BoxTest::Sifted, Some(tester)) = (pass.test, &self.culling.tester) {
+            tester.encode_glance(&self.gpu, &mut encoder, &mut self.targets[at], picture);
+        }
         self.encode_answers(at, &mut encoder);
         self.encode_times(at, &mut encoder, 2);
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
@@ -90,12 +93,13 @@ impl Renderer {
         tester.encode(&self.gpu, encoder, &mut self.targets[at], buffers, test);
     }
 
-    /// Looks for leaves that have a pixel.
-    fn encode_glance(&mut self, at: usize, encoder: &mut wgpu::CommandEncoder, test: BoxTest) {
+    /// Looks for leaves that have a pixel, where nothing was tested before.
+    pub(super) fn encode_look(&mut self, at: usize, encoder: &mut wgpu::CommandEncoder) {
         let picture = self.picture();
-        if let (BoxTest::Sifted, Some(tester)) = (test, &self.culling.tester) {
-            tester.encode_glance(&self.gpu, encoder, &mut self.targets[at], picture);
-        }
+        let Some(tester) = &self.culling.tester else { return };
+        let buffers = Buffers { records: &self.buffers.records, arguments: &self.buffers.arguments, have_late: false, picture };
+        tester.ready(&self.gpu, encoder, &mut self.targets[at], buffers, BoxTest::Sifted);
+        tester.encode_glance(&self.gpu, encoder, &mut self.targets[at], picture);
     }
 
     /// What this pass's picture is called among leaves that have a pixel: never 0.

@@ -140,18 +140,11 @@ impl BoxTester {
         buffers: Buffers<'_>,
         test: BoxTest,
     ) {
+        self.ready(gpu, encoder, target, buffers, test);
         let Some(first) = &mut target.first else { return };
         first.is_queried = test == BoxTest::Queried && first.box_count > 0;
-        encoder.clear_buffer(&first.seen.buffer, 0, None);
         first.keep(encoder, &target.depth, target.ids.as_ref().map(|(ids, _)| ids));
         if first.box_count > 0 {
-            let (every, phase) = match test {
-                BoxTest::Sampled { every, phase } => (every, phase),
-                _ => (1, 0),
-            };
-            let work = Work { boxes: first.box_count, every, phase, picture: buffers.picture };
-            gpu.queue.write_buffer(&first.work, 0, bytemuck::bytes_of(&work));
-            first.bind(gpu, self, &buffers);
             let Some((_, groups)) = &first.groups else { return };
             if test == BoxTest::Sifted {
                 self.sift(encoder, first, groups);
@@ -169,6 +162,21 @@ impl BoxTester {
             pass.set_pipeline(&self.release);
             pass.set_bind_group(0, &groups.released, &[]);
             pass.dispatch_workgroups(first.box_count.div_ceil(WORKGROUP), 1, 1);
+        }
+    }
+
+    /// Readies a target for what comes of its boxes: nothing is seen yet.
+    pub fn ready(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, target: &mut Target, buffers: Buffers<'_>, test: BoxTest) {
+        let Some(first) = target.first.as_mut() else { return };
+        encoder.clear_buffer(&first.seen.buffer, 0, None);
+        if first.box_count > 0 {
+            let (every, phase) = match test {
+                BoxTest::Sampled { every, phase } => (every, phase),
+                _ => (1, 0),
+            };
+            let work = Work { boxes: first.box_count, every, phase, picture: buffers.picture };
+            gpu.queue.write_buffer(&first.work, 0, bytemuck::bytes_of(&work));
+            first.bind(gpu, self, &buffers);
         }
     }
 

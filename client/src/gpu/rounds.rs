@@ -2,7 +2,9 @@
 //! if all had been drawn at once.
 
 use glam::DAffine3;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 
+use super::culled::HAS_PIXEL;
 use super::device::GpuError;
 use super::pipelines::Turn;
 use super::renderer::{Load, Renderer};
@@ -20,16 +22,20 @@ impl Renderer {
         self.list_boxes(pass);
         self.list_leaves(pass, pass.blended.iter().copied(), turn);
         let boxes = self.list_bounds(at, pass);
-        let box_count = boxes.len();
+        let have_tests = !boxes.is_empty() && pass.look_for.is_empty();
         self.hand_over(at, pass, true)?;
-        self.hand_over_boxes(at, boxes, pass.bounds.len() as u32)?;
+        let asked = if pass.look_for.is_empty() { pass.bounds.len() as u32 } else { pass.look_for.len() };
+        self.hand_over_boxes(at, boxes, asked)?;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("round") });
         self.encode(&self.targets[at], &mut encoder, (load, Some(Pass::Draws)), 0..self.list.batches.len());
         if !pass.bounds.is_empty() || !pass.footprints.is_empty() {
             self.encode_tests(at, &mut encoder, pass.test, false);
             self.encode_answers(at, &mut encoder);
+        } else if !pass.look_for.is_empty() {
+            self.encode_look(at, &mut encoder);
+            self.encode_answers(at, &mut encoder);
         }
-        self.encode_times(at, &mut encoder, if box_count > 0 { 2 } else { 1 });
+        self.encode_times(at, &mut encoder, if have_tests { 2 } else { 1 });
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         Ok(self.result(pass))
     }
@@ -41,10 +47,15 @@ impl Renderer {
         }
         let Some(first) = &self.targets[at].first else { return Ok(()) };
         let times = first.read_seen(&self.gpu, &mut self.culling.seen)?;
-        let have_bounds = first.have_boxes();
+        let have_bounds = first.have_boxes() && pass.look_for.is_empty();
         result.times = times
             .map(|[drawn, _, all]| Times { draw_us: drawn, test_us: if have_bounds { (all - drawn).max(0.0) } else { 0.0 } });
         result.bounds_seen.clear();
+        if !pass.look_for.is_empty() {
+            let looked_for = pass.look_for.leaves().zip(&self.culling.seen).filter(|(_, word)| **word & HAS_PIXEL != 0);
+            result.seen = Some(VisibleSet::from_ranges(looked_for.map(|(leaf, _)| LeafRange::new(leaf, leaf + 1))));
+            return Ok(());
+        }
         if first.is_queried() {
             let mut answers = self.culling.seen.iter().map(|word| *word != 0);
             result.bounds_seen.extend(first.untested.iter().map(|is_untested| *is_untested || answers.next().unwrap_or(true)));
@@ -61,6 +72,7 @@ impl Renderer {
         let grower = Grower::new(&pass.projection, target.size_px);
         let mut boxes = std::mem::take(&mut self.culling.boxes);
         boxes.clear();
+        boxes.extend((0..).zip(pass.look_for.leaves()).map(|(number, leaf)| TestBox::none(number).of_leaf(leaf, false)));
         let Some(first) = &mut target.first else { return boxes };
         first.untested.clear();
         let eye = pass.projection.eye;

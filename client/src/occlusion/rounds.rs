@@ -27,9 +27,9 @@ pub enum Order {
     /// Front to back: what comes to the head of the list is asked for, and if it is seen a leaf is drawn, a node makes way for its children
     /// (Bartz, Meißner, Hüttner 1999, section 4.4). Once testing took so many microseconds in a frame, all that is left is drawn.
     Depth { budget_us: f64 },
-    /// What was seen before is drawn at once, and all else asked for in groups (Mattausch, Bittner, Wimmer 2008).
-    /// Each leaf that is seen is asked for again once in so many frames, or more where there are more than a round takes.
-    Seen { frame: u32, retest_frames: u32 },
+    /// What was seen before is drawn at once, and all else asked for in groups (Mattausch, Bittner, Wimmer 2008). There what is seen is asked
+    /// for again now and then; here the picture tells in every frame what has a pixel, and no query is spent on it.
+    Seen,
 }
 
 impl Default for Order {
@@ -85,14 +85,6 @@ impl Ord for Entry {
     }
 }
 
-/// What was asked for.
-#[derive(Clone, Copy, Debug)]
-enum Asked {
-    Node(NodeId),
-    /// A leaf that is drawn already, whether it is still seen.
-    Again(u32),
-}
-
 /// The rounds of one view, from frame to frame.
 #[derive(Debug, Default)]
 pub struct Rounds {
@@ -101,7 +93,7 @@ pub struct Rounds {
     eye: DVec3,
     in_world: bool,
     list: BinaryHeap<Reverse<Entry>>,
-    asked: Vec<Asked>,
+    asked: Vec<NodeId>,
     /// Nodes that wait for a round with room.
     waiting: Vec<NodeId>,
     round: Round,
@@ -113,8 +105,7 @@ pub struct Rounds {
     known: HashSet<(u32, u32)>,
     /// What is drawn, with [`Order::Seen`] to be drawn at once in the next frame; none before the first.
     seen: Option<VisibleSet>,
-    /// Of what is drawn, what is hidden now.
-    gone: VisibleSet,
+    is_still: bool,
     scratch: VisibleSet,
 }
 
@@ -126,9 +117,9 @@ impl Rounds {
         self.list.clear();
         self.waiting.clear();
         self.kept.clear();
+        self.is_still = subject.is_still;
         // A frame before that was not complete leaves these.
         self.asked.clear();
-        self.gone.clear();
         if !subject.is_still {
             self.known.clear();
         }
@@ -141,14 +132,14 @@ impl Rounds {
         self.scratch = all;
         self.clear_round();
         match (order, self.seen.take()) {
-            (Order::Seen { frame, retest_frames }, Some(mut seen)) => {
-                self.begin_with_seen(subject, &seen, (frame, retest_frames));
+            (Order::Seen, Some(mut seen)) => {
+                self.begin_with_seen(subject, &seen);
                 seen.clear();
                 self.seen = Some(seen);
             }
             (order, _) => {
                 // Also where it is not known yet what is seen.
-                if let Order::Seen { .. } = order {
+                if order == Order::Seen {
                     (self.order, self.seen) = (Order::default(), Some(VisibleSet::default()));
                 }
                 self.tree.roots().for_each(|root| self.enlist(root));
@@ -168,11 +159,9 @@ impl Rounds {
         self.round.number += 1;
         let asked = std::mem::take(&mut self.asked);
         self.clear_round();
-        for (at, asked) in asked.iter().enumerate() {
-            match (*asked, is_seen.get(at).copied().unwrap_or(true)) {
-                (Asked::Node(node), true) => self.see(node),
-                (Asked::Again(leaf), false) => self.gone.push_unordered(one(leaf)), // of Order::Seen alone
-                _ => {}
+        for (at, node) in asked.iter().enumerate() {
+            if is_seen.get(at).copied().unwrap_or(true) {
+                self.see(*node);
             }
         }
         self.asked = asked;
@@ -193,6 +182,19 @@ impl Rounds {
         &self.round
     }
 
+    /// What is drawn of a frame whose last round this is, where the next one begins with what of it has a pixel. While nothing moves, nothing
+    /// that was seen is asked for again, with a pixel or without.
+    pub fn looked_for(&self) -> Option<&VisibleSet> {
+        self.seen.as_ref().filter(|_| !self.is_still)
+    }
+
+    /// Takes what of it has a pixel.
+    pub fn note_pixels(&mut self, with_pixel: &VisibleSet) {
+        if let Some(seen) = &mut self.seen {
+            seen.clone_from(with_pixel);
+        }
+    }
+
     /// Blended leaves that are drawn after all else.
     pub fn kept(&self) -> &VisibleSet {
         &self.kept
@@ -211,12 +213,10 @@ impl Rounds {
     fn finish_round(&mut self) {
         self.round.opaque.normalize();
         self.kept.normalize();
-        self.gone.normalize();
         if let Some(seen) = &mut self.seen {
             seen.union_into(&self.round.opaque, &mut self.scratch);
-            self.scratch.difference_into(&self.gone, seen);
+            std::mem::swap(seen, &mut self.scratch);
         }
-        self.gone.clear();
         self.round.is_last = self.round.bounds.is_empty();
     }
 
@@ -226,7 +226,7 @@ impl Rounds {
     }
 
     fn ask(&mut self, node: NodeId) {
-        self.asked.push(Asked::Node(node));
+        self.asked.push(node);
         self.round.bounds.push(match self.tree.leaf(node) {
             Some(leaf) if !self.in_world => Bound::Leaf(leaf),
             _ => Bound::World(self.tree.bounds(node)),
@@ -245,7 +245,7 @@ impl Rounds {
         for child in self.tree.children(node) {
             match self.order {
                 Order::Depth { .. } => self.enlist(child),
-                Order::Seen { .. } => self.waiting.push(child),
+                Order::Seen => self.waiting.push(child),
             }
         }
     }
@@ -275,18 +275,8 @@ impl Rounds {
         leaves.into_iter().for_each(|leaf| self.draw(leaf));
     }
 
-    fn begin_with_seen(&mut self, subject: &Subject<'_>, seen: &VisibleSet, (frame, retest_frames): (u32, u32)) {
-        const MOST_AGAIN: u32 = MAX_QUERIES as u32 / 2;
+    fn begin_with_seen(&mut self, subject: &Subject<'_>, seen: &VisibleSet) {
         subject.opaque.intersection_into(seen, &mut self.round.opaque);
-        let every = retest_frames.max(self.round.opaque.len().div_ceil(MOST_AGAIN));
-        // Nothing that is marked as seen is asked for again while nothing moves.
-        if !subject.is_still {
-            let in_turn = |leaf: &u32| leaf % every == frame % every;
-            for leaf in self.round.opaque.leaves().filter(in_turn).take(MOST_AGAIN as usize) {
-                self.asked.push(Asked::Again(leaf));
-                self.round.bounds.push(Bound::Leaf(leaf));
-            }
-        }
         let drawn = std::mem::take(&mut self.round.opaque);
         for root in self.tree.roots() {
             self.await_hidden(root, &drawn);

@@ -10,8 +10,6 @@ use super::worth::{Budget, Outcome, Worth};
 use super::{Adaptive, BoxTest, Occlusion};
 use crate::frame::{FrameInput, PassPlan, PassResult, Times};
 
-/// Frames in which every leaf that is seen is queried once: what became hidden may be drawn that much longer.
-const RETEST_FRAMES: u32 = 2;
 /// While something moves, one of so many spans of a bound is looked at (section 4.2).
 const SAMPLING: u32 = 10;
 
@@ -85,7 +83,7 @@ impl CulledView {
     }
 
     /// Turns a pass that draws all into one that begins with less.
-    pub fn begin(&mut self, input: &FrameInput<'_>, pass: &mut PassPlan, frame: u32) {
+    pub fn begin(&mut self, input: &FrameInput<'_>, pass: &mut PassPlan) {
         if let State::Rounds(_) = self.state {
             self.look(input.has_changed, pass);
         }
@@ -115,7 +113,7 @@ impl CulledView {
                     in_world: self.occlusion == Occlusion::Adaptive,
                 };
                 let order = match self.occlusion {
-                    Occlusion::Query => Order::Seen { frame, retest_frames: RETEST_FRAMES },
+                    Occlusion::Query => Order::Seen,
                     Occlusion::CostAdaptive => Order::Depth { budget_us: state.budget.us() },
                     _ => Order::Depth { budget_us: f64::INFINITY },
                 };
@@ -153,6 +151,7 @@ impl CulledView {
                     (sum.draw_us, sum.test_us) = (sum.draw_us + times.draw_us, sum.test_us + times.test_us);
                 }
                 state.take(result);
+                result.seen.as_ref().inspect(|with_pixel| state.rounds.note_pixels(with_pixel));
                 let is_next = state.rounds.next(&state.is_seen, result.times);
                 if is_next {
                     state.fill(pass);
@@ -210,6 +209,10 @@ impl InRounds {
         pass.round = *number;
         pass.opaque.clone_from(opaque);
         pass.bounds.clear();
+        pass.look_for.clear();
+        if let (true, Some(drawn)) = (*is_last, self.rounds.looked_for()) {
+            pass.look_for.clone_from(drawn);
+        }
         pass.footprints.clear();
         match self.adaptive {
             None => pass.bounds.extend_from_slice(bounds),
