@@ -19,6 +19,12 @@ pub struct Options {
     out: PathBuf,
     #[command(flatten)]
     how: HowToPrepare,
+    /// Tessellate the space around the geometry, too, so that nodes can draw to a budget.
+    #[arg(long)]
+    plp: bool,
+    /// Divide space down to this share of the scene's longest side (with --plp only) [default: 0.05].
+    #[arg(long, value_name = "SHARE", requires = "plp", allow_negative_numbers = true)]
+    plp_leaf: Option<f64>,
 }
 
 /// Choices of preparation, shared by all commands that take a scene.
@@ -49,7 +55,13 @@ impl HowToPrepare {
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     let start = Instant::now();
-    let package = open_scene(&options.scene, &options.how.options()?)?;
+    let mut package = open_scene(&options.scene, &options.how.options()?)?;
+    if options.plp {
+        let leaf_share = options.plp_leaf.unwrap_or(TessellateOptions::default().leaf_share);
+        let tessellation =
+            tessellate(&package, &TessellateOptions { leaf_share }, &progress::report).context("--plp")?;
+        package.scene.tessellation = Some(Arc::new(tessellation));
+    }
     write_package(&package, &options.out)?;
     let s = statistics(&package);
     say!(
@@ -61,5 +73,8 @@ pub fn run(options: &Options) -> Result<()> {
         s.geometry_chunks,
         start.elapsed().as_secs_f64()
     );
+    if let Some(tessellation) = package.scene.tessellation.as_deref() {
+        say!("{}", described(tessellation));
+    }
     Ok(())
 }

@@ -1,8 +1,8 @@
 //! A tessellation as bytes: a header, then the arrays of [`TessellationParts`], each padded to 4 bytes. All numbers little-endian.
 //!
 //! ```text
-//! "MLP1"  vertices u32  cells u32  runs u32  triangles u32  leaves u32  exposures u32  facings u32  origin 3 × f64
-//! vertices 3 × f32   cells 48 bytes   runs 8 bytes   triangles u16   leaves u32   exposures u16   facings 3 bytes
+//! "MLP1"  vertices u32  cells u32  runs u32  words u32  leaves u32  exposures u32  facings u32  origin 3 × f64
+//! vertices 3 × f32   cells 48 bytes   runs 8 bytes   words u16   leaves u32   exposures u16   facings 3 bytes
 //! ```
 
 use bytemuck::{Pod, Zeroable};
@@ -41,7 +41,7 @@ struct Header {
     vertices: u32,
     cells: u32,
     runs: u32,
-    triangles: u32,
+    words: u32,
     leaves: u32,
     exposures: u32,
     facings: u32,
@@ -57,7 +57,7 @@ impl Header {
             + array(self.vertices, 12)
             + array(self.cells, 48)
             + array(self.runs, 8)
-            + array(self.triangles, 2)
+            + array(self.words, 2)
             + array(self.leaves, 4)
             + array(self.exposures, 2)
             + array(self.facings, 3)
@@ -72,7 +72,7 @@ impl Tessellation {
             vertices: self.vertices.len() as u32,
             cells: self.cells.len() as u32,
             runs: self.runs.len() as u32,
-            triangles: self.triangles.len() as u32,
+            words: self.words.len() as u32,
             leaves: self.leaves.len() as u32,
             exposures: self.exposures.len() as u32,
             facings: self.facings.len() as u32,
@@ -84,7 +84,7 @@ impl Tessellation {
             bytemuck::cast_slice(&self.vertices),
             bytemuck::cast_slice(&self.cells),
             bytemuck::cast_slice(&self.runs),
-            bytemuck::cast_slice(&self.triangles),
+            bytemuck::cast_slice(&self.words),
             bytemuck::cast_slice(&self.leaves),
             bytemuck::cast_slice(&self.exposures),
             bytemuck::cast_slice(&self.facings),
@@ -120,7 +120,7 @@ impl Tessellation {
             vertices: take::<Vec3>(&mut rest, header.vertices),
             cells: take(&mut rest, header.cells),
             runs: take(&mut rest, header.runs),
-            triangles: take(&mut rest, header.triangles),
+            words: take(&mut rest, header.words),
             leaves: take(&mut rest, header.leaves),
             exposures: take(&mut rest, header.exposures),
             facings: take(&mut rest, header.facings),

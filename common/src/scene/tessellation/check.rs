@@ -1,6 +1,6 @@
 //! What makes parts a tessellation.
 
-use super::{Cell, CellId, FACES, MAX_CELLS, MAX_COVERED_TRIANGLES, Tessellation, TessellationError, TessellationParts};
+use super::{Cell, CellId, FACES, LeafRun, MAX_CELLS, MAX_COVERED_TRIANGLES, NumberRows, Tessellation, TessellationError, TessellationParts};
 use crate::scene::{ChunkId, SceneManifest};
 
 impl Tessellation {
@@ -10,7 +10,7 @@ impl Tessellation {
     /// # Errors
     /// When something does not hold.
     pub fn new(parts: TessellationParts, scene: &SceneManifest) -> Result<Self, TessellationError> {
-        let TessellationParts { origin, vertices, cells, runs, triangles, leaves, exposures, facings } = parts;
+        let TessellationParts { origin, vertices, cells, runs, words, leaves, exposures, facings } = parts;
         if !origin.is_finite() || !vertices.iter().all(|v| v.is_finite()) {
             return Err(TessellationError::NotFinite);
         }
@@ -29,57 +29,37 @@ impl Tessellation {
             vertices,
             cells,
             runs,
-            triangles,
+            words,
             leaves,
             exposures,
             facings,
             first_slots,
             first_facings,
         };
-        tessellation.check_runs()?;
         tessellation.check_cells()?;
         Ok(tessellation)
     }
 
-    /// Runs of each cell lie one behind the other, and so do the triangles of each run; both ascend.
-    fn check_runs(&self) -> Result<(), TessellationError> {
-        let run_error = |run: usize, problem| Err(TessellationError::Run { run: run as u32, problem });
-        let mut start = 0;
-        for (i, run) in self.runs.iter().enumerate() {
-            let end = run.end as usize;
-            if run.place as usize >= self.leaves.len() {
-                return run_error(i, "its leaf is not covered");
-            }
-            if end <= start || end > self.triangles.len() {
-                return run_error(i, "it is empty or ends beyond the triangles");
-            }
-            let numbers = &self.triangles[start..end];
-            if !numbers.is_sorted_by(|a, b| a < b) || u32::from(numbers[numbers.len() - 1]) >= self.slots(run.place).len() as u32 {
-                return run_error(i, "its triangles do not ascend or are not in the leaf");
-            }
-            start = end;
-        }
-        if start == self.triangles.len() { Ok(()) } else { run_error(self.runs.len(), "triangles are left that are in no run") }
-    }
-
+    /// Runs of each cell lie one behind the other, and so do the words of each run; leaves and triangles ascend.
     fn check_cells(&self) -> Result<(), TessellationError> {
-        let mut run_start = 0;
-        let mut triangle_start = 0;
+        let (mut run, mut word) = (0, 0);
         for (i, cell) in self.cells.iter().enumerate() {
             let cell_error = |problem| Err(TessellationError::Cell { cell: i as u32, problem });
             let run_end = cell.run_end as usize;
-            if run_end < run_start || run_end > self.runs.len() {
+            if run_end < run || run_end > self.runs.len() {
                 return cell_error("its runs are not there");
             }
-            let runs = &self.runs[run_start..run_end];
-            if !runs.is_sorted_by(|a, b| a.place < b.place) {
+            if !self.runs[run..run_end].is_sorted_by(|a, b| a.place < b.place) {
                 return cell_error("its leaves do not ascend");
             }
-            let triangle_end = runs.last().map_or(triangle_start, |run| run.end);
-            if cell.triangle_count != triangle_end - triangle_start {
+            let mut count = 0u64;
+            while run < run_end {
+                count += u64::from(self.check_run(run as u32, &mut word)?);
+                run += 1;
+            }
+            if u64::from(cell.triangle_count) != count {
                 return cell_error("its runs do not hold as many triangles as it says");
             }
-            (run_start, triangle_start) = (run_end, triangle_end);
             if cell.corners.iter().any(|corner| *corner as usize >= self.vertices.len()) {
                 return cell_error("a corner is not there");
             }
@@ -90,10 +70,28 @@ impl Tessellation {
                 return cell_error("a neighbour is not there, has another face or does not name it");
             }
         }
-        if run_start == self.runs.len() {
-            Ok(())
-        } else {
-            Err(TessellationError::Run { run: run_start as u32, problem: "it is in no cell" })
+        if run < self.runs.len() || word < self.words.len() {
+            return Err(TessellationError::Run { run: run as u32, problem: "it is in no cell, or words are left that are in no run" });
+        }
+        Ok(())
+    }
+
+    /// How many triangles a run has, whose words begin at `word`; moves that on.
+    fn check_run(&self, run: u32, word: &mut usize) -> Result<u32, TessellationError> {
+        let run_error = |problem| Err(TessellationError::Run { run, problem });
+        let LeafRun { place, end } = self.runs[run as usize];
+        if place as usize >= self.leaves.len() {
+            return run_error("its leaf is not covered");
+        }
+        let end = end as usize;
+        if end <= *word || end > self.words.len() {
+            return run_error("it is empty or ends beyond the words");
+        }
+        let numbers = NumberRows(&self.words[*word..end]);
+        *word = end;
+        match numbers.checked_count(self.slots(place).len() as u32) {
+            Some(count) => Ok(count),
+            None => run_error("its triangles do not ascend or are not in the leaf"),
         }
     }
 

@@ -11,6 +11,7 @@ mod bytes;
 mod check;
 mod exposure;
 mod facing;
+mod numbers;
 
 use std::ops::Range;
 
@@ -20,11 +21,12 @@ use glam::{DVec3, Vec3};
 pub use bytes::TessellationError;
 pub use exposure::{Exposure, ExposureWeights};
 pub use facing::Facing;
+pub use numbers::{NumberRows, push_numbers};
 
 /// Most cells of a tessellation.
 pub const MAX_CELLS: u32 = 1 << 24;
-/// Most triangles of a leaf that a tessellation covers: their numbers have 16 bits.
-pub const MAX_COVERED_TRIANGLES: u32 = 1 << 16;
+/// Most triangles of a leaf that a tessellation covers: their numbers have 15 bits.
+pub const MAX_COVERED_TRIANGLES: u32 = 1 << 15;
 
 /// A cell's place in [`Tessellation::cells`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Pod, Zeroable)]
@@ -76,7 +78,7 @@ pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 pub struct LeafRun {
     /// The leaf's place in [`Tessellation::leaves`]; ascending within a cell.
     pub place: u32,
-    /// One past its last number in [`Tessellation::triangles`]; the first comes after the last of the run before.
+    /// One past its last word in [`TessellationParts::words`]; the first comes after the last of the run before.
     pub end: u32,
 }
 const _: () = assert!(size_of::<LeafRun>() == 8);
@@ -89,7 +91,7 @@ pub struct Tessellation {
     vertices: Vec<Vec3>,
     cells: Vec<Cell>,
     runs: Vec<LeafRun>,
-    triangles: Vec<u16>,
+    words: Vec<u16>,
     leaves: Vec<u32>,
     exposures: Vec<Exposure>,
     facings: Vec<Facing>,
@@ -110,8 +112,8 @@ pub struct TessellationParts {
     pub cells: Vec<Cell>,
     /// Cell by cell.
     pub runs: Vec<LeafRun>,
-    /// Run by run: numbers of triangles in their leaf, ascending.
-    pub triangles: Vec<u16>,
+    /// Run by run: numbers of triangles in their leaf, as [`push_numbers`] puts them.
+    pub words: Vec<u16>,
     /// The leaves that are covered, ascending.
     pub leaves: Vec<u32>,
     /// For each slot.
@@ -155,13 +157,13 @@ impl Tessellation {
 
     /// The runs of a cell: the leaf's place, and the numbers of its triangles.
     #[inline]
-    pub fn runs(&self, id: CellId) -> impl Iterator<Item = (u32, &[u16])> {
+    pub fn runs(&self, id: CellId) -> impl Iterator<Item = (u32, NumberRows<'_>)> {
         let range = self.run_range(id);
         let mut start = range.start.checked_sub(1).map_or(0, |before| self.runs[before].end as usize);
         self.runs[range].iter().map(move |run| {
-            let numbers = &self.triangles[start..run.end as usize];
+            let words = &self.words[start..run.end as usize];
             start = run.end as usize;
-            (run.place, numbers)
+            (run.place, NumberRows(words))
         })
     }
 
@@ -200,8 +202,24 @@ impl Tessellation {
     }
 
     /// How many triangles all cells name together.
-    pub fn reference_count(&self) -> u32 {
-        self.triangles.len() as u32
+    pub fn reference_count(&self) -> u64 {
+        self.cells.iter().map(|cell| u64::from(cell.triangle_count)).sum()
+    }
+
+    /// What its arrays take in memory, bytes.
+    pub fn size_bytes(&self) -> u64 {
+        let arrays = [
+            size_of_val(&self.vertices[..]),
+            size_of_val(&self.cells[..]),
+            size_of_val(&self.runs[..]),
+            size_of_val(&self.words[..]),
+            size_of_val(&self.leaves[..]),
+            size_of_val(&self.exposures[..]),
+            size_of_val(&self.facings[..]),
+            size_of_val(&self.first_slots[..]),
+            size_of_val(&self.first_facings[..]),
+        ];
+        arrays.into_iter().map(|bytes| bytes as u64).sum()
     }
 }
 

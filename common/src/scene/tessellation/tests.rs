@@ -44,8 +44,8 @@ fn parts() -> TessellationParts {
             cell([0, 1, 2, 3], [none, none, none, CellId(1)], 2, 3),
             cell([0, 2, 1, 4], [none, none, none, CellId(0)], 4, 4),
         ],
-        runs: [(0, 2), (2, 3), (0, 4), (1, 7)].map(|(place, end)| LeafRun { place, end }).to_vec(),
-        triangles: vec![0, 2, 8, 1, 0, 1, 2],
+        runs: [(0, 2), (2, 3), (0, 4), (1, 6)].map(|(place, end)| LeafRun { place, end }).to_vec(),
+        words: vec![0, 2, 8, 1, 0x8000, 2],
         leaves: vec![0, 2, 3],
         exposures: (0..15).map(Exposure).collect(),
         facings: (0..12).map(|k| Facing([k, 0, 255])).collect(),
@@ -58,7 +58,7 @@ fn bytes_go_round() {
     let bytes = tessellation.encode();
     assert_eq!(Tessellation::decode(&bytes, &scene()), Ok(tessellation.clone()));
     assert_eq!((tessellation.rho_max(), tessellation.slot_count(), tessellation.reference_count()), (4, 15, 7));
-    let runs = |cell| tessellation.runs(CellId(cell)).map(|(place, numbers)| (place, numbers.to_vec())).collect::<Vec<_>>();
+    let runs = |cell| tessellation.runs(CellId(cell)).map(|(place, numbers)| (place, numbers.flatten().collect::<Vec<_>>())).collect::<Vec<_>>();
     assert_eq!(runs(0), [(0, vec![0, 2]), (2, vec![8])]);
     assert_eq!(runs(1), [(0, vec![1]), (1, vec![0, 1, 2])]);
     assert_eq!([0, 1, 2].map(|place| tessellation.slots(place)), [0..3, 3..6, 6..15]);
@@ -90,8 +90,9 @@ fn bent_and_cut_bytes_are_read_or_refused() {
             if let Ok(tessellation) = Tessellation::decode(&bent, &scene()) {
                 for cell in 0..tessellation.cells().len() as u32 {
                     let id = CellId(cell);
-                    let named: u32 = tessellation.runs(id).map(|(place, _)| tessellation.slots(place).len() as u32).sum();
-                    assert!(named > 0 && tessellation.corners(id).iter().all(|corner| corner.is_finite()));
+                    let named: u32 = tessellation.runs(id).map(|(place, rows)| tessellation.slots(place).len() as u32 + rows.count() as u32).sum();
+                    assert!(named > 0 || tessellation.cell(id).triangle_count == 0);
+                    assert!(tessellation.corners(id).iter().all(|corner| corner.is_finite()));
                 }
             }
         }
@@ -108,9 +109,9 @@ fn what_does_not_hold_is_refused() {
     assert_eq!(refused(&|p| p.cells[0].neighbours[0] = CellId(1)), "cell 0: a neighbour is not there, has another face or does not name it");
     assert_eq!(refused(&|p| p.cells[0].corners.swap(0, 1)), "cell 0: it is flat or inside out");
     assert_eq!(refused(&|p| p.cells[1].triangle_count = 9), "cell 1: its runs do not hold as many triangles as it says");
-    assert_eq!(refused(&|p| p.triangles[1] = 0), "run 0: its triangles do not ascend or are not in the leaf");
-    assert_eq!(refused(&|p| p.triangles[6] = 3), "run 3: its triangles do not ascend or are not in the leaf");
-    assert_eq!(refused(&|p| p.triangles.push(0)), "run 4: triangles are left that are in no run");
+    assert_eq!(refused(&|p| p.words[1] = 0), "run 0: its triangles do not ascend or are not in the leaf");
+    assert_eq!(refused(&|p| p.words[5] = 3), "run 3: its triangles do not ascend or are not in the leaf");
+    assert_eq!(refused(&|p| p.words.push(0)), "run 4: it is in no cell, or words are left that are in no run");
     assert_eq!(refused(&|p| p.leaves[2] = 4), "leaf 4: it is not in the scene");
     assert_eq!(refused(&|p| p.leaves[2] = 2), "leaf 2: leaves do not ascend");
     assert_eq!(refused(&|p| p.facings.truncate(11)), "11 facings, the scene asks for 12");
