@@ -9,7 +9,7 @@ use super::world::WorldLeaves;
 use crate::generate::Random;
 
 /// How long rays are, in least sides of the octree's leaves: out of a room or from under a bonnet, but not across the street.
-const LENGTH: f32 = 2.0;
+const LENGTH: f32 = 1.0;
 /// Rays in all directions, of which a triangle uses those before it.
 const DIRECTIONS: usize = 20;
 /// A ray that leaves flatter than this sine says little and costs as much.
@@ -30,7 +30,7 @@ pub(super) fn exposures(world: &WorldLeaves, side_m: f32) -> Vec<Exposure> {
         }
         slots += leaf.triangles.len() as u32;
     }
-    let tree = RayTree::over(obstacles, world.longest_m);
+    let tree = RayTree::over(&obstacles);
     let directions = directions();
     let length_m = LENGTH * side_m;
     world

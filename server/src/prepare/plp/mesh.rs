@@ -63,14 +63,16 @@ impl CellMesh {
             let heights = self.planes(cell).map(|plane| plane.height_m(p));
             (0..4).map(|face| (heights[face], face)).fold((f64::NEG_INFINITY, 0), |best, next| if next.0 > best.0 { next } else { best })
         };
-        let mut cell = near;
-        for _ in 0..self.corners.len() {
+        let (mut cell, mut before) = (near, NO_CELL);
+        // A walk is hardly longer than a few times the cells along a line.
+        for _ in 0..64 + self.corners.len() / 16 {
             let (height_m, face) = furthest(cell);
             let beyond = self.neighbours[cell as usize][face];
-            if height_m <= 0.0 || beyond == NO_CELL {
+            // Back and forth: the point is within rounding of the face between two cells.
+            if height_m <= 0.0 || beyond == NO_CELL || beyond == before {
                 return cell;
             }
-            cell = beyond;
+            (before, cell) = (cell, beyond);
         }
         let all = 0..self.corners.len() as u32;
         all.min_by(|a, b| furthest(*a).0.total_cmp(&furthest(*b).0)).unwrap_or(near)

@@ -14,10 +14,13 @@ mod exposure;
 mod mesh;
 mod octree;
 mod rays;
+mod statistics;
 mod world;
 
 use mullion_common::scene::{MAX_CELLS, Package, Tessellation, TessellationError, TessellationParts};
 use thiserror::Error;
+
+pub use statistics::TessellationStatistics;
 
 use super::ProgressFn;
 use crate::generate::Random;
