@@ -29,7 +29,7 @@ pub const MAX_CELLS: u32 = 1 << 24;
 pub const MAX_COVERED_TRIANGLES: u32 = 1 << 15;
 
 /// A cell's place in [`Tessellation::cells`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Pod, Zeroable)]
 #[repr(transparent)]
 pub struct CellId(pub u32);
 
