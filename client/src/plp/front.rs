@@ -5,37 +5,33 @@ use mullion_common::scene::CellId;
 const CHILDREN: usize = 4;
 const NOWHERE: u32 = u32::MAX;
 
-/// What waits in the front: a cell, or a part of one's triangles.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Entry(pub u32);
-
-/// Entries in order of their keys, and of their numbers where keys are equal: one order on every machine.
+/// Cells in order of their keys, and of their numbers where keys are equal: one order on every machine.
 #[derive(Debug, Default)]
 pub(super) struct Front {
-    heap: Vec<(f32, Entry)>,
-    /// Where each entry is in the heap.
+    heap: Vec<(f32, CellId)>,
+    /// Where each cell is in the heap.
     places: Vec<u32>,
 }
 
 impl Front {
-    /// Empties it and makes room for entries below `entries`; takes memory only where there was less.
-    pub fn clear(&mut self, entries: usize) {
-        for (_, entry) in self.heap.drain(..) {
-            self.places[entry.0 as usize] = NOWHERE;
+    /// Empties it and makes room for `cells`; takes memory only where there was less.
+    pub fn clear(&mut self, cells: usize) {
+        for (_, cell) in self.heap.drain(..) {
+            self.places[cell.index()] = NOWHERE;
         }
-        if self.places.len() != entries {
+        if self.places.len() != cells {
             self.places.clear();
-            self.places.resize(entries, NOWHERE);
+            self.places.resize(cells, NOWHERE);
         }
     }
 
-    /// Enqueues an entry, or moves it to its new key.
-    pub fn enqueue(&mut self, entry: Entry, key: f32) {
-        let place = self.places[entry.0 as usize];
+    /// enqueue(n, ρ): enqueues a cell, or moves it to its new key.
+    pub fn enqueue(&mut self, cell: CellId, key: f32) {
+        let place = self.places[cell.index()];
         if place == NOWHERE {
-            self.heap.push((key, entry));
+            self.heap.push((key, cell));
             self.rise(self.heap.len() - 1);
-        } else if less((key, entry), self.heap[place as usize]) {
+        } else if less((key, cell), self.heap[place as usize]) {
             self.heap[place as usize].0 = key;
             self.rise(place as usize);
         } else {
@@ -45,7 +41,7 @@ impl Front {
     }
 
     /// min(F), taken out.
-    pub fn pop(&mut self) -> Option<(f32, Entry)> {
+    pub fn pop(&mut self) -> Option<(f32, CellId)> {
         let last = self.heap.pop()?;
         let first = match self.heap.first_mut() {
             Some(first) => {
@@ -55,13 +51,13 @@ impl Front {
             }
             None => last,
         };
-        self.places[first.1.0 as usize] = NOWHERE;
+        self.places[first.1.index()] = NOWHERE;
         Some(first)
     }
 
-    /// All entries, in no order.
-    pub fn entries(&self) -> impl Iterator<Item = Entry> {
-        self.heap.iter().map(|(_, entry)| *entry)
+    /// All cells, in no order.
+    pub fn cells(&self) -> impl Iterator<Item = CellId> {
+        self.heap.iter().map(|(_, cell)| *cell)
     }
 
     fn rise(&mut self, mut at: usize) {
@@ -98,22 +94,16 @@ impl Front {
         self.put(at, item);
     }
 
-    fn put(&mut self, at: usize, item: (f32, Entry)) {
+    fn put(&mut self, at: usize, item: (f32, CellId)) {
         self.heap[at] = item;
-        self.places[item.1.0 as usize] = at as u32;
+        self.places[item.1.index()] = at as u32;
     }
 }
 
-/// The order of keys, then entries. Keys are never NaN.
+/// The order of keys, then cells. Keys are never NaN.
 #[inline]
-fn less(a: (f32, Entry), b: (f32, Entry)) -> bool {
+fn less(a: (f32, CellId), b: (f32, CellId)) -> bool {
     a.0 < b.0 || a.0 == b.0 && a.1 < b.1
-}
-
-impl From<CellId> for Entry {
-    fn from(cell: CellId) -> Self {
-        Self(cell.0)
-    }
 }
 
 #[cfg(test)]
@@ -129,18 +119,18 @@ mod tests {
             let mut front = Front::default();
             front.clear(40);
             let mut map: BTreeMap<u32, f32> = BTreeMap::new();
-            for (entry, key, is_pop) in steps {
+            for (cell, key, is_pop) in steps {
                 if is_pop {
-                    let least = map.iter().min_by(|a, b| a.1.total_cmp(b.1).then(a.0.cmp(b.0))).map(|(e, k)| (*k, Entry(*e)));
+                    let least = map.iter().min_by(|a, b| a.1.total_cmp(b.1).then(a.0.cmp(b.0))).map(|(e, k)| (*k, CellId(*e)));
                     prop_assert_eq!(front.pop(), least);
-                    least.map(|(_, entry)| map.remove(&entry.0));
+                    least.map(|(_, cell)| map.remove(&cell.0));
                 } else {
-                    front.enqueue(Entry(entry), key.into());
-                    map.insert(entry, key.into());
+                    front.enqueue(CellId(cell), key.into());
+                    map.insert(cell, key.into());
                 }
-                let mut entries: Vec<u32> = front.entries().map(|entry| entry.0).collect();
-                entries.sort_unstable();
-                prop_assert_eq!(entries, map.keys().copied().collect::<Vec<_>>());
+                let mut cells: Vec<u32> = front.cells().map(|cell| cell.0).collect();
+                cells.sort_unstable();
+                prop_assert_eq!(cells, map.keys().copied().collect::<Vec<_>>());
             }
             front.clear(40);
             prop_assert_eq!(front.pop(), None);

@@ -10,6 +10,7 @@
 
 mod drawn;
 mod front;
+mod leaves;
 mod likelihood;
 mod paper;
 mod sight;
@@ -20,6 +21,7 @@ pub use traversal::{Projected, Traversal};
 
 use glam::DVec3;
 use mullion_common::geometry::Plane;
+use mullion_common::scene::{SceneManifest, Tessellation};
 
 /// How likely a cell is taken to be hidden.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -56,3 +58,28 @@ pub struct Sight<'a> {
     /// Pixels that a length as far away as it is long covers: a tile's resolution, the finest of a wall's. Above 0.
     pub pixels_per_radian: f32,
 }
+
+/// What an estimate is of.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// The cells.
+    pub tessellation: &'a Tessellation,
+    /// The scene that they are of.
+    pub scene: &'a SceneManifest,
+    /// From where.
+    pub sight: Sight<'a>,
+}
+
+/// Which of a leaf's triangles may be seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shown {
+    /// None: it is outside the frustum, or not the tessellation's business any more.
+    None,
+    /// Those whose front is towards the eye.
+    Fronts,
+    /// All.
+    All,
+}
+
+#[cfg(test)]
+mod tests;

@@ -3,9 +3,11 @@
 use glam::Vec3;
 use mullion_common::scene::{CellId, FACES, Tessellation};
 
-use super::front::Entry;
+use super::drawn::Drawn;
+use super::leaves::Leaves;
 use super::sight::face;
 use super::traversal::{CellMark, Cells};
+use super::{Frame, Shown};
 
 /// What is not star-shaped is that many times as solid. The paper names no factor.
 const PENALTY: f32 = 4.0;
@@ -23,12 +25,11 @@ impl Paper {
     }
 
     pub fn seed(&mut self, cells: &mut Cells, cell: CellId) {
-        cells.front.enqueue(cell.into(), 0.0);
+        cells.front.enqueue(cell, 0.0);
     }
 
     /// Projects a cell: its neighbours that were not projected are enqueued, or moved to their new solidity.
-    pub fn open(&mut self, cells: &mut Cells, tessellation: &Tessellation, entry: Entry, solidity: f32) -> CellId {
-        let a = CellId(entry.0);
+    pub fn open(&mut self, cells: &mut Cells, tessellation: &Tessellation, a: CellId, solidity: f32) {
         cells.set(a, CellMark::Projected);
         let from_eye = cells.sight.from_eye(tessellation, a);
         let cell = tessellation.cell(a);
@@ -40,9 +41,31 @@ impl Paper {
             }
             let solidity = own + alignment(&from_eye, k) * solidity;
             let star = is_star_shaped(&from_eye, k, &cells.sight.from_eye(tessellation, b));
-            cells.front.enqueue(b.into(), if star { solidity } else { solidity * PENALTY });
+            cells.front.enqueue(b, if star { solidity } else { solidity * PENALTY });
         }
-        a
+    }
+
+    /// Draws a cell's triangles; whether the budget allowed all of them.
+    pub fn draw(leaves: &mut Leaves, drawn: &mut Drawn, frame: &Frame<'_>, cell: CellId, budget: u32) -> bool {
+        for (place, rows) in frame.tessellation.runs(cell) {
+            let leaf = leaves.sight(frame, place);
+            if leaf.shown == Shown::None {
+                continue;
+            }
+            let first = frame.tessellation.slots(place).start;
+            let facings = frame.tessellation.facings(place);
+            for number in rows.flatten() {
+                let slot = first + u32::from(number);
+                if drawn.holds(slot) || leaf.is_away(facings[usize::from(number)]) {
+                    continue;
+                }
+                if drawn.count() == budget {
+                    return false;
+                }
+                drawn.take(place, slot);
+            }
+        }
+        true
     }
 }
 

@@ -2,9 +2,9 @@
 
 use glam::{DVec3, Vec3};
 use mullion_common::geometry::{Containment, Obb, Plane};
-use mullion_common::scene::{CellId, FACES, SceneManifest, Tessellation};
+use mullion_common::scene::{CellId, FACES, Facing, SceneManifest, Tessellation};
 
-use super::Sight;
+use super::{Shown, Sight};
 
 /// What rounding in `f32` may cost, as a share of a corner's distance: a cell that is outside by less is inside.
 const SLACK: f32 = 1e-4;
@@ -59,6 +59,15 @@ pub(super) fn is_before(corners: &[Vec3; 4], k: usize) -> bool {
     normal.dot(a) < 0.0
 }
 
+/// About the solid angle of a face for the eye, at the origin: above 0 where the way out of the cell leads away from the eye.
+#[inline]
+pub(super) fn solid_angle(corners: &[Vec3; 4], k: usize) -> f32 {
+    let (normal, [a, b, c]) = face(corners, k);
+    let middle = a + b + c;
+    let square = middle.length_squared().max(f32::MIN_POSITIVE);
+    normal.dot(middle) / (square * square.sqrt())
+}
+
 /// How a leaf is seen.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LeafSight {
@@ -67,17 +76,6 @@ pub(super) struct LeafSight {
     pub middle: Vec3,
     pub radius: f32,
     pub shown: Shown,
-}
-
-/// Which of a leaf's triangles may be seen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Shown {
-    /// None: it is outside the frustum, or not the tessellation's business any more.
-    None,
-    /// Those whose front is towards the eye.
-    Fronts,
-    /// All.
-    All,
 }
 
 impl LeafSight {
@@ -96,5 +94,11 @@ impl LeafSight {
             (false, _) => Shown::Fronts,
         };
         Self { eye: eye_in_leaf, middle, radius, shown }
+    }
+
+    /// Whether a triangle of the leaf is surely seen from behind.
+    #[inline]
+    pub fn is_away(&self, facing: Facing) -> bool {
+        self.shown == Shown::Fronts && facing.is_away_from(self.eye, self.middle, self.radius)
     }
 }

@@ -1,13 +1,14 @@
 //! The rendering loop, Fig. 5: min(F) is projected until the budget is reached.
 
-use mullion_common::scene::{CellId, SceneManifest, Tessellation};
+use mullion_common::scene::{CellId, Tessellation};
 
 use super::drawn::Drawn;
-use super::front::{Entry, Front};
+use super::front::Front;
+use super::leaves::Leaves;
 use super::likelihood::Likelihood;
 use super::paper::Paper;
-use super::sight::{CellSight, LeafSight, Shown, is_before};
-use super::{Sight, Solidity};
+use super::sight::{CellSight, is_before};
+use super::{Frame, Sight, Solidity};
 
 /// What a traversal has done so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,8 +34,8 @@ pub struct Traversal {
     drawn: Drawn,
     /// Cells in the order in which they were first projected.
     order: Vec<CellId>,
-    /// The entry whose triangles did not all fit.
-    unfinished: Option<Entry>,
+    /// The cell whose triangles did not all fit.
+    unfinished: Option<CellId>,
     done: Projected,
     /// The eye's cell in the last frame.
     near: CellId,
@@ -66,9 +67,9 @@ pub(super) enum CellMark {
 }
 
 impl Cells {
-    fn begin(&mut self, tessellation: &Tessellation, sight: &Sight<'_>, entries: usize) {
+    fn begin(&mut self, tessellation: &Tessellation, sight: &Sight<'_>) {
         let cells = tessellation.cells().len();
-        self.front.clear(entries);
+        self.front.clear(cells);
         self.frame += 1;
         if self.marks.len() != cells || self.frame >> (u32::BITS - KNOWN_BITS) != 0 {
             self.marks.clear();
@@ -108,16 +109,6 @@ impl Cells {
     }
 }
 
-/// How each leaf is seen in this frame.
-#[derive(Debug, Default)]
-struct Leaves {
-    /// By place; with the frame that it is of.
-    sights: Vec<(u32, LeafSight)>,
-    /// By place: no business of the tessellation's.
-    left_out: Vec<bool>,
-    frame: u32,
-}
-
 impl Traversal {
     /// A traversal that has seen nothing.
     pub fn new() -> Self {
@@ -127,19 +118,15 @@ impl Traversal {
     /// From the next frame on the leaf at a place in [`Tessellation::leaves`] is not drawn: its object has moved, and whoever draws draws it
     /// apart; or is drawn again.
     pub fn leave_out(&mut self, tessellation: &Tessellation, place: u32, left_out: bool) {
-        self.leaves.left_out.resize(tessellation.leaves().len(), false);
-        self.leaves.left_out[place as usize] = left_out;
+        self.leaves.leave_out(tessellation, place, left_out);
     }
 
     /// Starts a frame: empties the front, and seeds it with the eye's cell or, from outside the hull, with the cells at faces that the eye
     /// is before.
-    pub fn begin(&mut self, tessellation: &Tessellation, sight: &Sight<'_>, solidity: Solidity) {
+    pub fn begin(&mut self, frame: &Frame<'_>, solidity: Solidity) {
+        let tessellation = frame.tessellation;
         self.solidity = solidity;
-        let entries = match solidity {
-            Solidity::Paper => tessellation.cells().len(),
-            Solidity::Likelihood => Likelihood::entries(tessellation),
-        };
-        self.cells.begin(tessellation, sight, entries);
+        self.cells.begin(tessellation, &frame.sight);
         self.drawn.clear(tessellation);
         self.leaves.begin(tessellation);
         self.order.clear();
@@ -156,16 +143,16 @@ impl Traversal {
             Some(cell) => {
                 self.near = cell;
                 self.cells.set(cell, CellMark::Reached);
-                self.seed(tessellation, cell);
+                self.seed(cell);
             }
             None => self.seed_entries(tessellation),
         }
     }
 
-    fn seed(&mut self, tessellation: &Tessellation, cell: CellId) {
+    fn seed(&mut self, cell: CellId) {
         match self.solidity {
             Solidity::Paper => self.paper.seed(&mut self.cells, cell),
-            Solidity::Likelihood => self.likelihood.seed(&mut self.cells, tessellation, cell),
+            Solidity::Likelihood => self.likelihood.seed(&mut self.cells, cell),
         }
     }
 
@@ -180,7 +167,7 @@ impl Traversal {
             let from_eye = self.cells.sight.from_eye(tessellation, cell);
             let is_entry = (0..4).any(|k| neighbours[k] == CellId::NONE && is_before(&from_eye, k));
             if is_entry && self.cells.is_in_sight(tessellation, cell) {
-                self.seed(tessellation, cell);
+                self.seed(cell);
             }
         }
     }
@@ -199,89 +186,49 @@ impl Traversal {
 
     /// Projects cells until `budget` triangles are drawn, never more, or nothing is left. With a larger budget it goes on from there.
     ///
-    /// `scene` is that of the tessellation, and `sight` that of [`Traversal::begin`].
-    pub fn project(
-        &mut self,
-        tessellation: &Tessellation,
-        scene: &SceneManifest,
-        sight: &Sight<'_>,
-        budget: u32,
-    ) -> Projected {
+    /// `frame` is that of [`Traversal::begin`].
+    pub fn project(&mut self, frame: &Frame<'_>, budget: u32) -> Projected {
         while self.drawn.count() < budget {
-            let entry = match self.unfinished.take() {
-                Some(entry) => entry,
+            let cell = match self.unfinished.take() {
+                Some(cell) => cell,
                 None => match self.cells.front.pop() {
-                    Some((key, entry)) => {
-                        self.open(tessellation, entry, key);
-                        entry
-                    }
+                    Some((key, cell)) if self.open(frame, cell, key) => cell,
+                    Some(_) => continue,
                     None => {
                         self.done.is_complete = true;
                         break;
                     }
                 },
             };
-            if !self.draw(tessellation, scene, sight, entry, budget) {
-                self.unfinished = Some(entry);
-            }
+            let (leaves, drawn) = (&mut self.leaves, &mut self.drawn);
+            let all = match self.solidity {
+                Solidity::Paper => Paper::draw(leaves, drawn, frame, cell, budget),
+                Solidity::Likelihood => self.likelihood.draw(&mut self.cells, drawn, cell, budget),
+            };
+            self.unfinished = (!all).then_some(cell);
         }
         self.done.triangles = self.drawn.count();
         self.done
     }
 
-    /// What follows from an entry's leaving the front: its neighbours are enqueued.
-    fn open(&mut self, tessellation: &Tessellation, entry: Entry, key: f32) {
-        let first = match self.solidity {
-            Solidity::Paper => Some(self.paper.open(&mut self.cells, tessellation, entry, key)),
-            Solidity::Likelihood => self.likelihood.open(&mut self.cells, tessellation, entry),
-        };
-        if let Some(cell) = first {
+    /// What follows from a cell's leaving the front: its neighbours are enqueued. Whether its triangles are to be drawn at once.
+    fn open(&mut self, frame: &Frame<'_>, cell: CellId, key: f32) -> bool {
+        let is_first = self.cells.mark(cell) != CellMark::Projected;
+        if is_first {
             self.order.push(cell);
             self.done.cells += 1;
         }
-    }
-
-    /// Draws an entry's triangles; whether all fitted.
-    fn draw(
-        &mut self,
-        tessellation: &Tessellation,
-        scene: &SceneManifest,
-        sight: &Sight<'_>,
-        entry: Entry,
-        budget: u32,
-    ) -> bool {
-        let (cell, class) = match self.solidity {
-            Solidity::Paper => (CellId(entry.0), None),
-            Solidity::Likelihood => match Likelihood::class(entry) {
-                Some((cell, class)) => (cell, Some(class)),
-                None => return true,
-            },
-        };
-        for (place, rows) in tessellation.runs(cell) {
-            let leaf = self.leaves.sight(tessellation, scene, sight, place);
-            if leaf.shown == Shown::None {
-                continue;
+        match self.solidity {
+            Solidity::Paper => {
+                self.paper.open(&mut self.cells, frame.tessellation, cell, key);
+                true
             }
-            let first = tessellation.slots(place).start;
-            let facings = tessellation.facings(place);
-            let weights = class.map(|_| self.likelihood.weights(&self.cells.sight, tessellation, cell));
-            for number in rows.flatten() {
-                let slot = first + u32::from(number);
-                let is_away = || leaf.shown == Shown::Fronts && facings[usize::from(number)].is_away_from(leaf.eye, leaf.middle, leaf.radius);
-                let is_of_class = || match (class, weights) {
-                    (Some(class), Some(weights)) => Likelihood::class_of(weights.of(tessellation.exposures()[slot as usize])) == class,
-                    _ => true,
-                };
-                if self.drawn.holds(slot) || !is_of_class() || is_away() {
-                    continue;
-                }
-                if self.drawn.count() == budget {
-                    return false;
-                }
-                self.drawn.take(place, slot);
+            Solidity::Likelihood if is_first => {
+                self.likelihood.open(&mut self.cells, &mut self.leaves, &self.drawn, frame, cell);
+                false
             }
+            Solidity::Likelihood => true,
         }
-        true
     }
 
     /// What is drawn so far.
@@ -294,39 +241,8 @@ impl Traversal {
         &self.order
     }
 
-    /// plp_front: the cells that would be next, in no order. A cell that holds more classes of triangles than were projected is among them.
+    /// plp_front: the cells that would be next, in no order; by likelihood also those of whose triangles some are left.
     pub fn front(&self) -> impl Iterator<Item = CellId> + '_ {
-        self.cells.front.entries().map(|entry| match self.solidity {
-            Solidity::Paper => CellId(entry.0),
-            Solidity::Likelihood => Likelihood::cell(entry),
-        })
-    }
-}
-
-impl Leaves {
-    fn begin(&mut self, tessellation: &Tessellation) {
-        const UNSEEN: LeafSight = LeafSight { eye: glam::Vec3::ZERO, middle: glam::Vec3::ZERO, radius: 0.0, shown: Shown::None };
-        let leaves = tessellation.leaves().len();
-        self.left_out.resize(leaves, false);
-        self.frame = self.frame.wrapping_add(1);
-        if self.sights.len() != leaves || self.frame == 0 {
-            self.sights.clear();
-            self.sights.resize(leaves, (0, UNSEEN));
-            self.frame = 1;
-        }
-    }
-
-    #[inline]
-    fn sight(&mut self, tessellation: &Tessellation, scene: &SceneManifest, sight: &Sight<'_>, place: u32) -> LeafSight {
-        let (frame, known) = &mut self.sights[place as usize];
-        if *frame != self.frame {
-            let leaf = tessellation.leaves()[place as usize];
-            *known = LeafSight::new(scene, leaf, sight.eye, sight.planes);
-            if self.left_out[place as usize] {
-                known.shown = Shown::None;
-            }
-            *frame = self.frame;
-        }
-        *known
+        self.cells.front.cells()
     }
 }

@@ -2,14 +2,14 @@
 //!
 //! ```text
 //! "MLP1"  vertices u32  cells u32  runs u32  words u32  leaves u32  exposures u32  facings u32  origin 3 × f64
-//! vertices 3 × f32   cells 48 bytes   runs 8 bytes   words u16   leaves u32   exposures u16   facings 3 bytes
+//! vertices 3 × f32   cells 52 bytes   runs 8 bytes   words u16   leaves u32   exposures u16   facings 3 bytes
 //! ```
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 use thiserror::Error;
 
-use super::{MAX_CELLS, Tessellation, TessellationParts};
+use super::{Cell, MAX_CELLS, Tessellation, TessellationParts};
 use crate::scene::SceneManifest;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"MLP1");
@@ -50,12 +50,12 @@ struct Header {
 const _: () = assert!(size_of::<Header>() == 56);
 
 impl Header {
-    /// Bytes of header and arrays. Cannot overflow: seven counts of 32 bits, at most 48 bytes each.
+    /// Bytes of header and arrays. Cannot overflow: seven counts of 32 bits, at most 52 bytes each.
     fn length(&self) -> u64 {
         let array = |count: u32, bytes: u64| (u64::from(count) * bytes).next_multiple_of(4);
         size_of::<Self>() as u64
             + array(self.vertices, 12)
-            + array(self.cells, 48)
+            + array(self.cells, size_of::<Cell>() as u64)
             + array(self.runs, 8)
             + array(self.words, 2)
             + array(self.leaves, 4)
@@ -103,8 +103,7 @@ impl Tessellation {
     /// When they are cut off, or name what is not there.
     pub fn decode(bytes: &[u8], scene: &SceneManifest) -> Result<Self, TessellationError> {
         let length_error = |expected| TessellationError::Length { found: bytes.len(), expected };
-        let (header, mut rest) =
-            bytes.split_at_checked(size_of::<Header>()).ok_or(length_error(size_of::<Header>() as u64))?;
+        let (header, mut rest) = bytes.split_at_checked(size_of::<Header>()).ok_or(length_error(size_of::<Header>() as u64))?;
         let header: Header = bytemuck::pod_read_unaligned(header);
         if header.magic != MAGIC {
             return Err(TessellationError::Header { what: "magic", value: header.magic, allowed: "MLP1" });

@@ -1,6 +1,9 @@
 //! What makes parts a tessellation.
 
-use super::{Cell, CellId, FACES, LeafRun, MAX_CELLS, MAX_COVERED_TRIANGLES, NumberRows, Tessellation, TessellationError, TessellationParts};
+use super::{
+    Cell, CellId, FACES, LeafRun, MAX_CELLS, MAX_COVERED_TRIANGLES, NumberRows, Tessellation, TessellationError,
+    TessellationParts,
+};
 use crate::scene::{ChunkId, SceneManifest};
 
 impl Tessellation {
@@ -71,7 +74,10 @@ impl Tessellation {
             }
         }
         if run < self.runs.len() || word < self.words.len() {
-            return Err(TessellationError::Run { run: run as u32, problem: "it is in no cell, or words are left that are in no run" });
+            return Err(TessellationError::Run {
+                run: run as u32,
+                problem: "it is in no cell, or words are left that are in no run",
+            });
         }
         Ok(())
     }
@@ -128,7 +134,9 @@ fn first_slots(leaves: &[u32], scene: &SceneManifest) -> Result<Vec<u32>, Tessel
         if record.triangle_count > MAX_COVERED_TRIANGLES {
             return leaf_error("it has more triangles than a tessellation covers");
         }
-        let Some(end) = slots.checked_add(record.triangle_count) else { return leaf_error("there are too many triangles before it") };
+        let Some(end) = slots.checked_add(record.triangle_count) else {
+            return leaf_error("there are too many triangles before it");
+        };
         slots = end;
         first_slots.push(slots);
     }

@@ -9,6 +9,7 @@
 
 mod bytes;
 mod check;
+mod cover;
 mod exposure;
 mod facing;
 mod numbers;
@@ -19,6 +20,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
 pub use bytes::TessellationError;
+pub use cover::Cover;
 pub use exposure::{Exposure, ExposureWeights};
 pub use facing::Facing;
 pub use numbers::{NumberRows, push_numbers};
@@ -48,7 +50,7 @@ impl CellId {
     }
 }
 
-/// A tetrahedron. 48 bytes.
+/// A tetrahedron. 52 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Cell {
@@ -60,14 +62,10 @@ pub struct Cell {
     pub run_end: u32,
     /// |c|: triangles that touch it.
     pub triangle_count: u32,
-    /// Which share of the cell's cross-section the fronts of its triangles cover, 0 to 255, looking along +X, −X, +Y, −Y, +Z, −Z.
-    pub cover: [u8; 6],
-    /// The mean of log₂ of its triangles' areas in m², in quarters.
-    pub log_area: i8,
-    /// 0.
-    pub reserved: u8,
+    /// What its triangles cover.
+    pub cover: Cover,
 }
-const _: () = assert!(size_of::<Cell>() == 48);
+const _: () = assert!(size_of::<Cell>() == 52);
 
 /// Corners of face k, counterclockwise from outside.
 pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];

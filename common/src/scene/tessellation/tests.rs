@@ -33,9 +33,7 @@ fn parts() -> TessellationParts {
         neighbours,
         run_end,
         triangle_count,
-        cover: [0, 1, 2, 3, 4, 255],
-        log_area: -9,
-        reserved: 0,
+        cover: Cover([0, 1, 2, 3, 4, 255, 6, 7, 8, 9, 10, 11]),
     };
     TessellationParts {
         origin: DVec3::new(1e6, 2.0, 3.0),
@@ -58,7 +56,9 @@ fn bytes_go_round() {
     let bytes = tessellation.encode();
     assert_eq!(Tessellation::decode(&bytes, &scene()), Ok(tessellation.clone()));
     assert_eq!((tessellation.rho_max(), tessellation.slot_count(), tessellation.reference_count()), (4, 15, 7));
-    let runs = |cell| tessellation.runs(CellId(cell)).map(|(place, numbers)| (place, numbers.flatten().collect::<Vec<_>>())).collect::<Vec<_>>();
+    let runs = |cell| {
+        tessellation.runs(CellId(cell)).map(|(place, numbers)| (place, numbers.flatten().collect::<Vec<_>>())).collect::<Vec<_>>()
+    };
     assert_eq!(runs(0), [(0, vec![0, 2]), (2, vec![8])]);
     assert_eq!(runs(1), [(0, vec![1]), (1, vec![0, 1, 2])]);
     assert_eq!([0, 1, 2].map(|place| tessellation.slots(place)), [0..3, 3..6, 6..15]);
@@ -90,7 +90,10 @@ fn bent_and_cut_bytes_are_read_or_refused() {
             if let Ok(tessellation) = Tessellation::decode(&bent, &scene()) {
                 for cell in 0..tessellation.cells().len() as u32 {
                     let id = CellId(cell);
-                    let named: u32 = tessellation.runs(id).map(|(place, rows)| tessellation.slots(place).len() as u32 + rows.count() as u32).sum();
+                    let named: u32 = tessellation
+                        .runs(id)
+                        .map(|(place, rows)| tessellation.slots(place).len() as u32 + rows.count() as u32)
+                        .sum();
                     assert!(named > 0 || tessellation.cell(id).triangle_count == 0);
                     assert!(tessellation.corners(id).iter().all(|corner| corner.is_finite()));
                 }
@@ -106,7 +109,10 @@ fn what_does_not_hold_is_refused() {
         bend(&mut parts);
         Tessellation::new(parts, &scene()).expect_err("it does not hold").to_string()
     };
-    assert_eq!(refused(&|p| p.cells[0].neighbours[0] = CellId(1)), "cell 0: a neighbour is not there, has another face or does not name it");
+    assert_eq!(
+        refused(&|p| p.cells[0].neighbours[0] = CellId(1)),
+        "cell 0: a neighbour is not there, has another face or does not name it"
+    );
     assert_eq!(refused(&|p| p.cells[0].corners.swap(0, 1)), "cell 0: it is flat or inside out");
     assert_eq!(refused(&|p| p.cells[1].triangle_count = 9), "cell 1: its runs do not hold as many triangles as it says");
     assert_eq!(refused(&|p| p.words[1] = 0), "run 0: its triangles do not ascend or are not in the leaf");

@@ -22,7 +22,13 @@ pub fn seats(model: &Model) -> Geometry {
         }
         fine_cuboid(&mut g, at + vec3(-0.5, 0.74, -0.12), at + vec3(-0.42, 0.9, 0.12), 0.04, CLOTH);
         for k in 0..6 {
-            spring(&mut g, at + vec3(-0.2 + 0.2 * (k % 3) as f32, 0.0, 0.2 * (k / 3) as f32 - 0.1), [0.02, 0.002, 0.08], 3, STEEL);
+            spring(
+                &mut g,
+                at + vec3(-0.2 + 0.2 * (k % 3) as f32, 0.0, 0.2 * (k / 3) as f32 - 0.1),
+                [0.02, 0.002, 0.08],
+                3,
+                STEEL,
+            );
         }
         for rail in [-0.2, 0.2] {
             g.bar(at + vec3(-0.25, -0.02, rail), at + vec3(0.25, -0.02, rail), [0.03, 0.03], IRON);

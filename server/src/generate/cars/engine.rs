@@ -43,8 +43,19 @@ pub fn block(model: &Model) -> Geometry {
                 fine_cuboid(&mut g, at - vec3(0.002, 0.14, 0.006), at + vec3(0.002, 0.14, 0.006), 0.03, IRON);
             }
         }
-        g.lathe(vec3(x, HEAD_M + 0.15, 0.0), &[(0.014, 0.0), (0.014, 0.02), (0.01, 0.03), (0.01, 0.06), (0.0, 0.065)], 16, RUBBER);
-        hose(&mut g, &[vec3(x, HEAD_M + 0.21, 0.0), vec3(x + 0.02, HEAD_M + 0.25, 0.04), vec3(-0.2, HEAD_M + 0.22, 0.1)], 0.004, [10, 8], RUBBER);
+        g.lathe(
+            vec3(x, HEAD_M + 0.15, 0.0),
+            &[(0.014, 0.0), (0.014, 0.02), (0.01, 0.03), (0.01, 0.06), (0.0, 0.065)],
+            16,
+            RUBBER,
+        );
+        hose(
+            &mut g,
+            &[vec3(x, HEAD_M + 0.21, 0.0), vec3(x + 0.02, HEAD_M + 0.25, 0.04), vec3(-0.2, HEAD_M + 0.22, 0.1)],
+            0.004,
+            [10, 8],
+            RUBBER,
+        );
     }
     g
 }
@@ -130,12 +141,30 @@ pub fn manifolds(model: &Model) -> Geometry {
     let mut g = Geometry::default();
     for x in cylinders(model) {
         let head = vec3(x, HEAD_M + 0.05, 0.12);
-        hose(&mut g, &[head, head + vec3(0.0, 0.02, 0.08), head + vec3(0.02, 0.12, 0.12), vec3(x * 0.9, 0.36, 0.12)], 0.02, [10, 16], ALUMINIUM);
+        hose(
+            &mut g,
+            &[head, head + vec3(0.0, 0.02, 0.08), head + vec3(0.02, 0.12, 0.12), vec3(x * 0.9, 0.36, 0.12)],
+            0.02,
+            [10, 16],
+            ALUMINIUM,
+        );
         let out = vec3(x, HEAD_M + 0.05, -0.12);
-        hose(&mut g, &[out, out + vec3(0.0, -0.01, -0.07), vec3(x * 0.7, 0.02, -0.22), vec3(-0.12, -0.16, -0.2)], 0.018, [10, 16], srgb(128, 96, 70));
+        hose(
+            &mut g,
+            &[out, out + vec3(0.0, -0.01, -0.07), vec3(x * 0.7, 0.02, -0.22), vec3(-0.12, -0.16, -0.2)],
+            0.018,
+            [10, 16],
+            srgb(128, 96, 70),
+        );
         g.lathe(head + vec3(0.0, 0.05, 0.03), &[(0.008, 0.0), (0.01, 0.01), (0.007, 0.02), (0.007, 0.05), (0.0, 0.052)], 16, RED);
         for side in [-0.12, 0.12] {
-            fine_cuboid(&mut g, vec3(x - 0.03, HEAD_M + 0.02, side - 0.004), vec3(x + 0.03, HEAD_M + 0.08, side + 0.004), 0.015, IRON);
+            fine_cuboid(
+                &mut g,
+                vec3(x - 0.03, HEAD_M + 0.02, side - 0.004),
+                vec3(x + 0.03, HEAD_M + 0.08, side + 0.004),
+                0.015,
+                IRON,
+            );
         }
     }
     let plenum = [(0.0, -0.26), (0.05, -0.25), (0.06, -0.2), (0.06, 0.2), (0.05, 0.25), (0.0, 0.26)];
@@ -163,7 +192,9 @@ pub fn ancillaries() -> Geometry {
     }
     let path: Vec<Vec3> = pulleys.iter().map(|(radius, y, z)| vec3(front + 0.033, y + radius * 0.7, z + radius * 0.7)).collect();
     hose(&mut g, &[path[0], path[2], path[3], path[1], path[4], path[0]], 0.006, [16, 8], RUBBER);
-    for (at, radius, length) in [(vec3(0.14, 0.05, 0.2), 0.07, 0.14), (vec3(0.12, -0.02, -0.2), 0.065, 0.16), (vec3(-0.2, -0.08, 0.18), 0.04, 0.18)] {
+    for (at, radius, length) in
+        [(vec3(0.14, 0.05, 0.2), 0.07, 0.14), (vec3(0.12, -0.02, -0.2), 0.065, 0.16), (vec3(-0.2, -0.08, 0.18), 0.04, 0.18)]
+    {
         let mut machine = Geometry::default();
         let half = length / 2.0;
         let mut profile = vec![(0.0, -half), (radius * 0.6, -half)];
@@ -235,7 +266,13 @@ pub fn radiator(model: &Model) -> Geometry {
     for (y, z) in [(high - 0.02, 0.2), (low + 0.02, -0.2)] {
         let start = vec3(x - 0.03, y, z);
         let end = bay + vec3(0.25, y - 0.5, z * 0.4);
-        hose(&mut g, &[start, start - vec3(0.08, 0.02, 0.0), (start + end) / 2.0 - vec3(0.0, 0.04, 0.0), end], 0.022, [14, 16], RUBBER);
+        hose(
+            &mut g,
+            &[start, start - vec3(0.08, 0.02, 0.0), (start + end) / 2.0 - vec3(0.0, 0.04, 0.0), end],
+            0.022,
+            [14, 16],
+            RUBBER,
+        );
     }
     g
 }

@@ -89,8 +89,13 @@ pub fn exhaust(model: &Model) -> Geometry {
     let mut g = Geometry::default();
     let [rear, front] = axles(model);
     let y = 0.2;
-    let path =
-        [vec3(front - 0.15, 0.34, -0.2), vec3(front - 0.5, y, -0.1), vec3(0.0, y, 0.0), vec3(rear + 0.3, y + 0.04, 0.2), vec3(rear - 0.5, y + 0.06, 0.35)];
+    let path = [
+        vec3(front - 0.15, 0.34, -0.2),
+        vec3(front - 0.5, y, -0.1),
+        vec3(0.0, y, 0.0),
+        vec3(rear + 0.3, y + 0.04, 0.2),
+        vec3(rear - 0.5, y + 0.06, 0.35),
+    ];
     hose(&mut g, &path, 0.025, [16, 24], STEEL);
     for (x, z, length, radius) in [(0.1, 0.0, 0.5, 0.07), (rear - 0.35, 0.33, 0.35, 0.1)] {
         let mut can = Geometry::default();

@@ -1,7 +1,7 @@
 //! What share of a cell its triangles cover, seen along the axes: the cell looked through at sample points.
 
 use glam::Vec3;
-use mullion_common::scene::{Cell, CellId, FACES};
+use mullion_common::scene::{Cell, CellId, Cover, FACES};
 use rayon::prelude::*;
 
 use super::assign::Assigned;
@@ -9,12 +9,9 @@ use super::mesh::CellMesh;
 use super::world::WorldLeaves;
 
 /// Sample points along each side of a cell's box.
-const SAMPLES: usize = 8;
-const _: () = assert!(SAMPLES * SAMPLES == u64::BITS as usize);
+const SAMPLES: usize = 16;
 /// What a cell that no sample point meets covers where it has triangles at all.
-const UNKNOWN_COVER: u8 = 128;
-/// A triangle's least area, m²: its logarithm is finite.
-const LEAST_AREA_M2: f32 = 1e-20;
+const UNKNOWN_SHARE: f32 = 0.5;
 
 /// The cells of a tessellation.
 pub(super) fn cells(world: &WorldLeaves, mesh: &CellMesh, assigned: &Assigned) -> Vec<Cell> {
@@ -23,23 +20,17 @@ pub(super) fn cells(world: &WorldLeaves, mesh: &CellMesh, assigned: &Assigned) -
         .map(|cell| {
             let triangles = || touching(world, assigned, cell);
             let corners = mesh.tetrahedron(cell).map(|p| p.as_vec3());
-            let mut cover = [0; 6];
+            let mut shares = [[0.0; 4]; 6];
             for axis in 0..3 {
-                let [ahead, back] = self::cover(&corners, axis, triangles());
-                (cover[2 * axis], cover[2 * axis + 1]) = (ahead, back);
+                [shares[2 * axis], shares[2 * axis + 1]] = shares_along(&corners, axis, triangles());
             }
             let triangle_count = triangles().count() as u32;
-            let area_m2 = |[a, b, c]: [Vec3; 3]| ((b - a).cross(c - a).length() / 2.0).max(LEAST_AREA_M2);
-            let log_sum: f32 = triangles().map(|(triangle, _)| area_m2(triangle).log2()).sum();
-            let log_area = (4.0 * log_sum / triangle_count.max(1) as f32).round().clamp(-128.0, 127.0) as i8;
             Cell {
                 corners: mesh.corners[cell as usize],
                 neighbours: mesh.neighbours[cell as usize].map(CellId),
                 run_end: assigned.run_ends[cell as usize],
                 triangle_count,
-                cover,
-                log_area,
-                reserved: 0,
+                cover: Cover::new(shares),
             }
         })
         .collect()
@@ -115,32 +106,50 @@ impl Lines {
     }
 }
 
-/// The shares of a cell that fronts of triangles cover, 0 to 255, looking along an axis and against it.
-fn cover(corners: &[Vec3; 4], axis: usize, triangles: impl Iterator<Item = ([Vec3; 3], Covers)>) -> [u8; 2] {
+/// A sample line in a cell: where it enters and leaves, and by which faces.
+#[derive(Clone, Copy)]
+struct Span {
+    enter: (f32, usize),
+    leave: (f32, usize),
+    /// Whether a front is met, looking along the axis and against it.
+    covered: [bool; 2],
+}
+
+/// The shares that fronts cover of the lines that leave by each face, looking along an axis and against it.
+fn shares_along(corners: &[Vec3; 4], axis: usize, triangles: impl Iterator<Item = ([Vec3; 3], Covers)>) -> [[f32; 4]; 2] {
     let lines = Lines::through(corners, axis);
-    // Where each line enters and leaves the cell; none meets it at first.
-    let mut spans = [(f32::INFINITY, f32::NEG_INFINITY); SAMPLES * SAMPLES];
-    for face in FACES {
-        lines.meet(face.map(|k| corners[k]), |line, at, _| spans[line] = (spans[line].0.min(at), spans[line].1.max(at)));
+    let nowhere = Span { enter: (f32::INFINITY, 0), leave: (f32::NEG_INFINITY, 0), covered: [false; 2] };
+    let mut spans = [nowhere; SAMPLES * SAMPLES];
+    for (k, face) in FACES.into_iter().enumerate() {
+        lines.meet(face.map(|k| corners[k]), |line, at, _| {
+            let span = &mut spans[line];
+            span.enter = if at < span.enter.0 { (at, k) } else { span.enter };
+            span.leave = if at > span.leave.0 { (at, k) } else { span.leave };
+        });
     }
-    // A bit for each line, for either way of looking.
-    let mut covered = [0u64; 2];
     let mut some = false;
     for (triangle, covers) in triangles.filter(|(_, covers)| *covers != Covers::Nothing) {
         some = true;
         lines.meet(triangle, |line, at, front_is_ahead| {
-            if (spans[line].0..=spans[line].1).contains(&at) {
-                for (way, covered) in covered.iter_mut().enumerate() {
-                    let is_seen = front_is_ahead == (way == 1) || covers == Covers::FromBothSides;
-                    *covered |= u64::from(is_seen) << line;
-                }
+            let span = &mut spans[line];
+            if (span.enter.0..=span.leave.0).contains(&at) {
+                // Looking along the axis, fronts are those that face against it.
+                span.covered[usize::from(front_is_ahead)] = true;
+                span.covered[usize::from(!front_is_ahead)] |= covers == Covers::FromBothSides;
             }
         });
     }
-    let all = spans.iter().filter(|(enter, leave)| enter <= leave).count() as u32;
-    match (all, some) {
-        (0, true) => [UNKNOWN_COVER; 2],
-        (0, false) => [0; 2],
-        _ => covered.map(|bits| (bits.count_ones() * 255 / all) as u8),
-    }
+    let met = || spans.iter().filter(|span| span.enter.0 <= span.leave.0);
+    std::array::from_fn(|way| {
+        let share = |of: &dyn Fn(&Span) -> bool| {
+            let all = met().filter(|span| of(span)).count();
+            let covered = met().filter(|span| of(span) && span.covered[way]).count();
+            (all > 0).then(|| covered as f32 / all as f32)
+        };
+        // A face that no line leaves by has what the whole cell has.
+        let whole = share(&|_| true).unwrap_or(if some { UNKNOWN_SHARE } else { 0.0 });
+        std::array::from_fn(|face| {
+            share(&|span| if way == 0 { span.leave.1 == face } else { span.enter.1 == face }).unwrap_or(whole)
+        })
+    })
 }

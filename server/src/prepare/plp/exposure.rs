@@ -9,7 +9,7 @@ use super::world::WorldLeaves;
 use crate::generate::Random;
 
 /// How long rays are, in least sides of the octree's leaves: out of a room or from under a bonnet, but not across the street.
-const LENGTH: f32 = 1.0;
+const LENGTH: f32 = 1.25;
 /// Rays in all directions, of which a triangle uses those before it.
 const DIRECTIONS: usize = 20;
 /// A ray that leaves flatter than this sine says little and costs as much.
@@ -49,7 +49,8 @@ pub(super) fn exposures(world: &WorldLeaves, side_m: f32) -> Vec<Exposure> {
 
 fn exposure(tree: &RayTree, directions: &[Vec3], corners: [Vec3; 3], slot: u32, double_sided: bool, length_m: f32) -> Exposure {
     let [a, b, c] = corners;
-    let Some(normal) = (b - a).cross(c - a).try_normalize() else { return Exposure::default() };
+    let across = (b - a).cross(c - a);
+    let Some(normal) = across.try_normalize() else { return Exposure::default() };
     let middle = (a + b + c) / 3.0;
     let mut free = [0.0f32; 6];
     let mut all = [0.0f32; 6];
@@ -66,7 +67,7 @@ fn exposure(tree: &RayTree, directions: &[Vec3], corners: [Vec3; 3], slot: u32, 
             all[at] += weight;
         }
     }
-    Exposure::new(std::array::from_fn(|k| if all[k] > 0.0 { free[k] / all[k] } else { 0.0 }))
+    Exposure::new(std::array::from_fn(|k| if all[k] > 0.0 { free[k] / all[k] } else { 0.0 }), across.length() / 2.0)
 }
 
 /// Directions that are spread evenly: the best of many for each one.

@@ -61,7 +61,9 @@ impl CellMesh {
     pub fn locate(&self, p: DVec3, near: u32) -> u32 {
         let furthest = |cell: u32| {
             let heights = self.planes(cell).map(|plane| plane.height_m(p));
-            (0..4).map(|face| (heights[face], face)).fold((f64::NEG_INFINITY, 0), |best, next| if next.0 > best.0 { next } else { best })
+            (0..4)
+                .map(|face| (heights[face], face))
+                .fold((f64::NEG_INFINITY, 0), |best, next| if next.0 > best.0 { next } else { best })
         };
         let (mut cell, mut before) = (near, NO_CELL);
         // A walk is hardly longer than a few times the cells along a line.

@@ -79,8 +79,7 @@ pub(super) fn moved(leaves: &[OctreeLeaf], world: &WorldLeaves, random: &mut Ran
     let mut jitter = |by: f32| Vec3::new(random.range(-by, by), random.range(-by, by), random.range(-by, by));
     let half_m = world.half_m + world.longest_m * MARGIN_SHARE;
     let sign = |k: u8| Vec3::new((k & 1).into(), (k >> 1 & 1).into(), (k >> 2).into()) * 2.0 - 1.0;
-    let mut points: Vec<Vec3> =
-        (0..8).map(|k| half_m * sign(k) + jitter(world.longest_m * CORNER_MOVED_SHARE)).collect();
+    let mut points: Vec<Vec3> = (0..8).map(|k| half_m * sign(k) + jitter(world.longest_m * CORNER_MOVED_SHARE)).collect();
     let inside = world.half_m + world.longest_m * (MARGIN_SHARE / 2.0);
     points.extend(leaves.iter().map(|leaf| (leaf.middle + jitter(leaf.side_m * MOVED_SHARE)).clamp(-inside, inside)));
     points.sort_unstable_by_key(|p| p.to_array().map(f32::to_bits));

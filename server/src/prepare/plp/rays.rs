@@ -230,7 +230,8 @@ mod tests {
     #[test]
     fn the_tree_meets_what_one_triangle_after_another_does() {
         let mut random = Random::new(3);
-        let mut vector = |size: f32| Vec3::new(random.range(-size, size), random.range(-2.0 * size, size), random.range(-size, size));
+        let mut vector =
+            |size: f32| Vec3::new(random.range(-size, size), random.range(-2.0 * size, size), random.range(-size, size));
         let obstacles: Vec<Obstacle> = (0..301)
             .map(|slot| {
                 let at = vector(5.0);

@@ -35,7 +35,8 @@ fn every_cell_lists_what_touches_it() {
         let half_m = Vec3::new(10.0, 20.0, 5.0);
         let mut vector = |half: Vec3| Vec3::new(random.range(-1.0, 1.0), random.range(-1.0, 1.0), random.range(-1.0, 1.0)) * half;
         let mut points: Vec<Vec3> = (0..80).map(|_| vector(half_m)).collect();
-        points.extend((0..8).map(|k| half_m * 1.1 * (Vec3::new((k & 1) as f32, (k >> 1 & 1) as f32, (k >> 2) as f32) * 2.0 - 1.0)));
+        points
+            .extend((0..8).map(|k| half_m * 1.1 * (Vec3::new((k & 1) as f32, (k >> 1 & 1) as f32, (k >> 2) as f32) * 2.0 - 1.0)));
         let mesh = delaunay::tetrahedra(&points).expect("they fill space");
         let sizes = [0.05, 0.5, 3.0, 40.0];
         let mut leaves: Vec<WorldLeaf> = (0..6)
