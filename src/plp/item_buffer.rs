@@ -8,13 +8,13 @@ use mullion_common::scene::{GeometryChunk, Package, Tessellation};
 pub const NOTHING: u32 = u32::MAX;
 
 /// All triangles that a tessellation covers, in the world, by slot.
-pub struct Scene {
+pub struct ItemScene {
     origin: DVec3,
     triangles: Vec<[Vec3; 3]>,
     double_sided: Vec<bool>,
 }
 
-impl Scene {
+impl ItemScene {
     /// The triangles of the covered leaves.
     pub fn new(package: &Package, tessellation: &Tessellation) -> Self {
         let manifest = &package.scene.manifest;
@@ -41,10 +41,16 @@ impl Scene {
         self.triangles.len()
     }
 
-    /// The middles of all triangles, by slot, metres of the world.
+    /// The middle of a triangle, metres of the world.
     pub fn middle(&self, slot: u32) -> DVec3 {
         let [a, b, c] = self.triangles[slot as usize];
         self.origin + ((a + b + c) / 3.0).as_dvec3()
+    }
+
+    /// Whether an eye sees a triangle's front, or it has two.
+    pub fn is_seen_from(&self, slot: u32, eye: DVec3) -> bool {
+        let [a, b, c] = self.triangles[slot as usize];
+        self.double_sided[slot as usize] || (b - a).cross(c - a).dot((eye - self.origin).as_vec3() - a) > 0.0
     }
 }
 
@@ -65,7 +71,7 @@ impl ItemBuffer {
 
     /// Draws all triangles for which `is_drawn` holds, fronts only but for double-sided ones. Depth is reversed: the greatest `z / w` wins,
     /// and of equal ones the first.
-    pub fn draw(&mut self, scene: &Scene, clip_from_world: &DMat4, mut is_drawn: impl FnMut(u32) -> bool) {
+    pub fn draw(&mut self, scene: &ItemScene, clip_from_world: &DMat4, mut is_drawn: impl FnMut(u32) -> bool) {
         self.depths.fill(0.0);
         self.items.fill(NOTHING);
         let clip_from_here = (*clip_from_world * DMat4::from_translation(scene.origin)).as_mat4();
