@@ -16,7 +16,11 @@ fn package(triangles: &[[Vec3; 3]], at: DVec3) -> Package {
     let indices = (0..positions.len() as u32).collect();
     let primitive =
         SourcePrimitive { gltf_primitive: 0, positions, normals: None, uvs: None, colors: None, indices, material: None };
-    let meshes = if triangles.is_empty() { Vec::new() } else { vec![SourceMesh { name: None, gltf_mesh: 0, primitives: vec![primitive] }] };
+    let meshes = if triangles.is_empty() {
+        Vec::new()
+    } else {
+        vec![SourceMesh { name: None, gltf_mesh: 0, primitives: vec![primitive] }]
+    };
     let node = SourceNode {
         name: None,
         parent: None,

@@ -75,7 +75,7 @@ impl Likelihood {
     pub fn open(&mut self, cells: &mut Cells, leaves: &mut Leaves, drawn: &Drawn, frame: &Frame<'_>, id: CellId) {
         let tessellation = frame.tessellation;
         cells.set(id, CellMark::Projected);
-        let from_eye = cells.sight.from_eye(tessellation, id);
+        let from_eye = cells.sight.corners_from_eye(tessellation, id);
         let cell = tessellation.cell(id);
         let light = self.cells[id.index()].light();
         let view = from_eye[0] + from_eye[1] + from_eye[2] + from_eye[3];
@@ -127,7 +127,7 @@ impl Likelihood {
     /// Light comes to a cell by a face of this solid angle.
     fn shine(&mut self, cells: &mut Cells, tessellation: &Tessellation, cell: CellId, angle: f32, light: f32) {
         if self.cells[cell.index()].all == 0.0 {
-            let from_eye = cells.sight.from_eye(tessellation, cell);
+            let from_eye = cells.sight.corners_from_eye(tessellation, cell);
             let mut all = f32::MIN_POSITIVE;
             for (k, before) in tessellation.cell(cell).neighbours.into_iter().enumerate() {
                 let angle = -solid_angle(&from_eye, k);

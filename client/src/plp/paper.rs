@@ -31,7 +31,7 @@ impl Paper {
     /// Projects a cell: its neighbours that were not projected are enqueued, or moved to their new solidity.
     pub fn open(&mut self, cells: &mut Cells, tessellation: &Tessellation, a: CellId, solidity: f32) {
         cells.set(a, CellMark::Projected);
-        let from_eye = cells.sight.from_eye(tessellation, a);
+        let from_eye = cells.sight.corners_from_eye(tessellation, a);
         let cell = tessellation.cell(a);
         let own = cell.triangle_count as f32 * self.scale;
         for k in 0..4 {
@@ -40,7 +40,7 @@ impl Paper {
                 continue;
             }
             let solidity = own + alignment(&from_eye, k) * solidity;
-            let star = is_star_shaped(&from_eye, k, &cells.sight.from_eye(tessellation, b));
+            let star = is_star_shaped(&from_eye, k, &cells.sight.corners_from_eye(tessellation, b));
             cells.front.enqueue(b, if star { solidity } else { solidity * PENALTY });
         }
     }

@@ -40,7 +40,7 @@ impl CellSight {
 
     /// A cell's corners from the eye.
     #[inline]
-    pub fn from_eye(&self, tessellation: &Tessellation, cell: CellId) -> [Vec3; 4] {
+    pub fn corners_from_eye(&self, tessellation: &Tessellation, cell: CellId) -> [Vec3; 4] {
         tessellation.corners(cell).map(|corner| corner - self.eye)
     }
 }

@@ -100,7 +100,7 @@ impl Cells {
     pub fn is_in_sight(&mut self, tessellation: &Tessellation, cell: CellId) -> bool {
         match self.mark(cell) {
             CellMark::New => {
-                let in_sight = self.sight.may_see(&self.sight.from_eye(tessellation, cell));
+                let in_sight = self.sight.may_see(&self.sight.corners_from_eye(tessellation, cell));
                 self.set(cell, if in_sight { CellMark::Reached } else { CellMark::Outside });
                 in_sight
             }
@@ -164,7 +164,7 @@ impl Traversal {
             if !neighbours.contains(&CellId::NONE) {
                 continue;
             }
-            let from_eye = self.cells.sight.from_eye(tessellation, cell);
+            let from_eye = self.cells.sight.corners_from_eye(tessellation, cell);
             let is_entry = (0..4).any(|k| neighbours[k] == CellId::NONE && is_before(&from_eye, k));
             if is_entry && self.cells.is_in_sight(tessellation, cell) {
                 self.seed(cell);
@@ -177,7 +177,7 @@ impl Traversal {
         let mut cell = if self.near.index() < tessellation.cells().len() { self.near } else { CellId(0) };
         // A walk in a Delaunay mesh ends; where rounding leads it around, any cell on the way is as good.
         for _ in 0..tessellation.cells().len() {
-            let from_eye = self.cells.sight.from_eye(tessellation, cell);
+            let from_eye = self.cells.sight.corners_from_eye(tessellation, cell);
             let Some(beyond) = (0..4).find(|k| is_before(&from_eye, *k)) else { return Some(cell) };
             cell = tessellation.cell(cell).neighbours[beyond].get()?;
         }
