@@ -1,6 +1,5 @@
 //! How each leaf is seen in a frame, found out once, when a cell holds the leaf.
 
-use glam::Vec3;
 use mullion_common::scene::Tessellation;
 
 use super::sight::LeafSight;
@@ -18,13 +17,12 @@ pub(super) struct Leaves {
 
 impl Leaves {
     pub fn begin(&mut self, tessellation: &Tessellation) {
-        const UNSEEN: LeafSight = LeafSight { eye: Vec3::ZERO, middle: Vec3::ZERO, radius: 0.0, shown: Shown::None };
         let leaves = tessellation.leaves().len();
         self.left_out.resize(leaves, false);
         self.frame = self.frame.wrapping_add(1);
         if self.sights.len() != leaves || self.frame == 0 {
             self.sights.clear();
-            self.sights.resize(leaves, (0, UNSEEN));
+            self.sights.resize(leaves, (0, LeafSight::unseen()));
             self.frame = 1;
         }
     }

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use mullion_common::geometry::{Containment, Obb, Plane};
-use mullion_common::scene::{CellId, FACES, Facing, SceneManifest, Tessellation};
+use mullion_common::scene::{CellId, FACES, Facing, FacingEye, SceneManifest, Tessellation};
 
 use super::{Shown, Sight};
 
@@ -71,10 +71,7 @@ pub(super) fn solid_angle(corners: &[Vec3; 4], k: usize) -> f32 {
 /// How a leaf is seen.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LeafSight {
-    /// The eye in the leaf's local space.
-    pub eye: Vec3,
-    pub middle: Vec3,
-    pub radius: f32,
+    eye: FacingEye,
     pub shown: Shown,
 }
 
@@ -93,12 +90,17 @@ impl LeafSight {
             (false, double_sided) if double_sided || !eye_in_leaf.is_finite() => Shown::All,
             (false, _) => Shown::Fronts,
         };
-        Self { eye: eye_in_leaf, middle, radius, shown }
+        Self { eye: FacingEye::new(eye_in_leaf, middle, radius), shown }
+    }
+
+    /// A leaf that nobody has looked at.
+    pub fn unseen() -> Self {
+        Self { eye: FacingEye::new(Vec3::ZERO, Vec3::ZERO, 0.0), shown: Shown::None }
     }
 
     /// Whether a triangle of the leaf is surely seen from behind.
     #[inline]
     pub fn is_away(&self, facing: Facing) -> bool {
-        self.shown == Shown::Fronts && facing.is_away_from(self.eye, self.middle, self.radius)
+        self.shown == Shown::Fronts && facing.is_away_from(&self.eye)
     }
 }

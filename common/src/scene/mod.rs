@@ -25,6 +25,6 @@ pub use package::{
     SectionKind, Sources,
 };
 pub use tessellation::{
-    Cell, CellId, Cover, Exposure, ExposureWeights, FACES, Facing, LeafRun, MAX_CELLS, MAX_COVERED_TRIANGLES, NumberRows,
-    Tessellation, TessellationError, TessellationParts, push_numbers,
+    Cell, CellId, Cover, Exposure, ExposureWeights, FACES, Facing, FacingEye, LeafRun, MAX_CELLS, MAX_COVERED_TRIANGLES,
+    NumberRows, Tessellation, TessellationError, TessellationParts, push_numbers,
 };

@@ -32,25 +32,44 @@ impl Facing {
         Self([u, v, place as u8])
     }
 
-    /// Whether an eye in the leaf's local space is behind the triangle. Conservative: where it is close to the plane, it is not.
-    ///
-    /// `middle` and `radius` as in [`Facing::new`].
+    /// Whether an eye is behind the triangle. Conservative: where it is close to the plane, it is not.
     #[inline]
-    pub fn is_away_from(self, eye: Vec3, middle: Vec3, radius: f32) -> bool {
+    pub fn is_away_from(self, eye: &FacingEye) -> bool {
         let [u, v, place] = self.0;
+        let normal = direction(u, v);
+        let plane = (f32::from(place) / STEPS - 1.0) * eye.radius;
+        normal.dot(eye.to_eye) + normal.length() * (eye.slack - plane) < 0.0
+    }
+}
+
+/// An eye in a leaf's local space, as many triangles are asked about it.
+#[derive(Clone, Copy, Debug)]
+pub struct FacingEye {
+    to_eye: Vec3,
+    radius: f32,
+    slack: f32,
+}
+
+impl FacingEye {
+    /// `middle` and `radius` as in [`Facing::new`].
+    pub fn new(eye: Vec3, middle: Vec3, radius: f32) -> Self {
         let to_eye = eye - middle;
-        let plane = (f32::from(place) / STEPS - 1.0) * radius;
-        decoded(u, v).dot(to_eye) - plane + NORMAL_ERROR * (to_eye.length() + radius) < 0.0
+        Self { to_eye, radius, slack: NORMAL_ERROR * (to_eye.length() + radius) }
     }
 }
 
 /// The unit normal that two bytes stand for.
-#[inline]
 fn decoded(u: u8, v: u8) -> Vec3 {
+    direction(u, v).normalize()
+}
+
+/// The same, on the octahedron.
+#[inline]
+fn direction(u: u8, v: u8) -> Vec3 {
     let (u, v) = (f32::from(u as i8) / STEPS, f32::from(v as i8) / STEPS);
     let z = 1.0 - u.abs() - v.abs();
     let fold = (-z).max(0.0);
-    Vec3::new(u - fold.copysign(u), v - fold.copysign(v), z).normalize()
+    Vec3::new(u - fold.copysign(u), v - fold.copysign(v), z)
 }
 
 #[cfg(test)]
@@ -79,7 +98,7 @@ mod tests {
             let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
             prop_assume!(normal.length() > 1e-3);
             let height = normal.normalize().dot(eye - corners[0]);
-            let away = Facing::new(corners, middle, radius).is_away_from(eye, middle, radius);
+            let away = Facing::new(corners, middle, radius).is_away_from(&FacingEye::new(eye, middle, radius));
             prop_assert!(!away || height < 1e-3, "it is {height} in front");
             // And they are found where they face clearly away.
             let reach = (eye - middle).length() + radius;
@@ -90,6 +109,6 @@ mod tests {
     #[test]
     fn a_point_has_some_facing() {
         let facing = Facing::new([Vec3::ONE; 3], Vec3::ONE, 0.0);
-        assert!(!facing.is_away_from(Vec3::ONE, Vec3::ONE, 0.0));
+        assert!(!facing.is_away_from(&FacingEye::new(Vec3::ONE, Vec3::ONE, 0.0)));
     }
 }

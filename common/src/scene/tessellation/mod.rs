@@ -22,7 +22,7 @@ use glam::{DVec3, Vec3};
 pub use bytes::TessellationError;
 pub use cover::Cover;
 pub use exposure::{Exposure, ExposureWeights};
-pub use facing::Facing;
+pub use facing::{Facing, FacingEye};
 pub use numbers::{NumberRows, push_numbers};
 
 /// Most cells of a tessellation.
