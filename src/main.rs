@@ -11,6 +11,7 @@ mod files;
 mod load;
 mod pixels;
 mod plot;
+mod plp;
 mod progress;
 mod say;
 mod show;

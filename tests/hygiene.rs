@@ -9,10 +9,11 @@ const MAX_MAP_LINES: usize = 200;
 const MAX_FILE_LINES: usize = 700;
 
 /// Where each outside crate may be named; everywhere else it must not be.
-const HOMES: [(&str, &str); 11] = [
+const HOMES: [(&str, &str); 12] = [
     ("bincode", "common/src/wire"),
     ("wgpu", "client/src/gpu"),
     ("obvhs", "server/src/tree/regroup.rs"),
+    ("simple_delaunay_lib", "server/src/prepare/plp/delaunay.rs"),
     ("winit", "client/src/output"),
     ("plotters", "src/plot.rs"),
     ("rcgen", "server/src/enroll.rs"),

@@ -10,7 +10,8 @@ use crate::say::say;
 /// What to generate and where to.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Name of the scene: city, plant, palace, cathedrals, forest, garbage or boxes.
+    /// Name of the scene: city, plp-city, cars, plant, palace, cathedrals, forest, garbage or
+    /// boxes.
     scene: GeneratedScene,
     /// The GLB file to write.
     #[arg(long, value_name = "FILE")]
@@ -18,6 +19,9 @@ pub struct Options {
     /// Another seed gives another scene; the same seed gives the same bytes.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// As large as the city that is drawn to a budget: the same as plp-city (with city only).
+    #[arg(long)]
+    plp: bool,
     /// How many boxes, 1 to 10000000 (with boxes only) [default: 100000].
     #[arg(long, value_name = "N")]
     leaves: Option<u64>,
@@ -42,6 +46,12 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// The named scene, with what only boxes take.
 fn scene(options: &Options) -> Result<GeneratedScene> {
+    if options.plp {
+        return match options.scene {
+            GeneratedScene::City | GeneratedScene::PlpCity => Ok(GeneratedScene::PlpCity),
+            other => bail!("--plp: only the city takes it, {other} does not"),
+        };
+    }
     let given = [("--leaves", options.leaves.is_some()), ("--shape", options.shape.is_some())];
     match (options.scene, given.iter().find(|(_, is_given)| *is_given)) {
         (GeneratedScene::Boxes(default), _) => {

@@ -15,7 +15,7 @@ use crate::say::say;
 pub struct Options {
     /// Which walk.
     walk: Walk,
-    /// A glTF, GLB or package file, or the name of a generated scene: city, plant, palace, cathedrals, forest, garbage, boxes or
+    /// A glTF, GLB or package file, or the name of a generated scene: city, plp-city, cars, plant, palace, cathedrals, forest, garbage, boxes or
     /// boxes:LEAVES.
     #[arg(value_name = "FILE|NAME")]
     scene: String,

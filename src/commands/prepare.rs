@@ -1,12 +1,16 @@
 //! `mullion prepare`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
+use mullion_common::scene::Package;
+use mullion_server::prepare::plp::{TessellateOptions, TessellationStatistics, tessellate};
 use mullion_server::prepare::{MAX_LEAF_TRIANGLES, PrepareOptions, statistics, write_package};
 
 use crate::files::open_scene;
+use crate::progress::Progress;
 use crate::say::say;
 
 /// What to prepare, where to and how.
@@ -19,6 +23,12 @@ pub struct Options {
     out: PathBuf,
     #[command(flatten)]
     how: HowToPrepare,
+    /// Tessellate the space around the geometry, too, so that nodes can draw to a budget.
+    #[arg(long)]
+    plp: bool,
+    /// Divide space down to this share of the scene's longest side (with --plp only) [default: 0.05].
+    #[arg(long, value_name = "SHARE", requires = "plp", allow_negative_numbers = true)]
+    plp_leaf: Option<f64>,
 }
 
 /// Choices of preparation, shared by all commands that take a scene.
@@ -49,7 +59,11 @@ impl HowToPrepare {
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     let start = Instant::now();
-    let package = open_scene(&options.scene, &options.how.options()?)?;
+    let mut package = open_scene(&options.scene, &options.how.options()?)?;
+    if options.plp {
+        let leaf_share = options.plp_leaf.unwrap_or(TessellateOptions::default().leaf_share);
+        add_tessellation(&mut package, &TessellateOptions { leaf_share })?;
+    }
     write_package(&package, &options.out)?;
     let s = statistics(&package);
     say!(
@@ -61,5 +75,24 @@ pub fn run(options: &Options) -> Result<()> {
         s.geometry_chunks,
         start.elapsed().as_secs_f64()
     );
+    if let Some(t) = TessellationStatistics::of(&package) {
+        say!(
+            "tessellation: {} cells, {:.2} references a triangle, {:.1} MB: {:.1} % of the geometry ({:.1} % of it with every instance apart)",
+            t.cells,
+            t.references_per_triangle(),
+            t.bytes as f64 / 1e6,
+            t.share_of_geometry() * 100.0,
+            t.share_of_instances() * 100.0
+        );
+    }
+    Ok(())
+}
+
+/// Tessellates a package's space and puts that into it.
+pub fn add_tessellation(package: &mut Package, options: &TessellateOptions) -> Result<()> {
+    let progress = Progress::new();
+    let tessellation = tessellate(package, options, &|stage, done, total| progress.show(stage, done, total));
+    progress.finish();
+    package.scene.tessellation = Some(Arc::new(tessellation.context("--plp")?));
     Ok(())
 }

@@ -82,6 +82,7 @@ pub fn package(leaf_count: u32) -> Arc<Package> {
             piece_ends: (1..=leaf_count).collect(),
             triangles: vec![0; leaf_count as usize],
         },
+        tessellation: None,
     };
     Arc::new(Package::new(scene, data).expect("a valid package"))
 }

@@ -43,6 +43,12 @@ impl LeafRecord {
     pub fn local_aabb(&self) -> Aabb {
         Aabb { min: Vec3::from(self.local_min).as_dvec3(), max: Vec3::from(self.local_max).as_dvec3() }
     }
+
+    /// The middle of that box, and how far its corners are from there: what [`super::Facing`] is measured by.
+    pub fn middle_and_radius(&self) -> (Vec3, f32) {
+        let (low, high) = (Vec3::from(self.local_min), Vec3::from(self.local_max));
+        (low * 0.5 + high * 0.5, ((high - low) * 0.5).length())
+    }
 }
 
 /// Where an object stands: `world_from_local`, three columns and a translation, `f64`. 96 bytes.

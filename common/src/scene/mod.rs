@@ -13,6 +13,7 @@ mod hierarchy;
 mod leaf;
 mod material;
 mod package;
+mod tessellation;
 
 pub use chunk::{ChunkError, ChunkHash, GeometryChunk, MAX_CHUNK_BYTES, MAX_CHUNK_VERTICES};
 pub use growth::SceneSize;
@@ -22,4 +23,8 @@ pub use material::{AlphaMode, Filter, Material, MaterialId, TextureRef, Wrap};
 pub use package::{
     ChunkKind, ChunkRecord, LeafSource, MAX_PACKAGE_BYTES, PACKAGE_VERSION, Package, PackageError, Scene, SceneManifest,
     SectionKind, Sources,
+};
+pub use tessellation::{
+    Cell, CellId, Cover, Exposure, ExposureWeights, FACES, Facing, FacingEye, LeafRun, MAX_CELLS, MAX_COVERED_TRIANGLES,
+    NumberRows, Tessellation, TessellationError, TessellationParts, push_numbers,
 };

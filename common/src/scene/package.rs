@@ -17,7 +17,7 @@ use thiserror::Error;
 use super::chunk_data::ChunkData;
 use super::{
     AlphaMode, ChunkHash, ChunkId, HierarchyError, LeafRecord, MAX_CHUNK_BYTES, Material, Object, ObjectHierarchy, OhNode,
-    SceneSize, Transform,
+    SceneSize, Tessellation, TessellationError, Transform,
 };
 use crate::wire::codec::{self, CodecError};
 
@@ -50,6 +50,8 @@ pub enum SectionKind {
     Sources = 7,
     /// The bytes of all chunks, one after the other.
     ChunkData = 8,
+    /// A [`Tessellation`], in its own form. Not in every package.
+    Tessellation = 9,
 }
 
 impl SectionKind {
@@ -58,9 +60,18 @@ impl SectionKind {
 
     fn from_u32(value: u32) -> Option<Self> {
         use SectionKind as K;
-        [K::Hierarchy, K::Objects, K::Transforms, K::Leaves, K::Materials, K::Chunks, K::Sources, K::ChunkData]
-            .into_iter()
-            .find(|kind| *kind as u32 == value)
+        const ALL: [K; 9] = [
+            K::Hierarchy,
+            K::Objects,
+            K::Transforms,
+            K::Leaves,
+            K::Materials,
+            K::Chunks,
+            K::Sources,
+            K::ChunkData,
+            K::Tessellation,
+        ];
+        ALL.into_iter().find(|kind| *kind as u32 == value)
     }
 }
 
@@ -171,6 +182,8 @@ pub struct Scene {
     pub objects: Vec<Object>,
     /// Where leaves come from.
     pub sources: Sources,
+    /// Which cells of space each triangle touches, where that was asked for. Of a scene that grew: of the leaves that it began with.
+    pub tessellation: Option<Arc<Tessellation>>,
 }
 
 /// A scene with its chunks. Packages that grew from one another share the bytes of their chunks.
@@ -201,6 +214,8 @@ pub enum PackageError {
     Records { kind: SectionKind, length: usize, record: usize },
     #[error("hierarchy: {0}")]
     Hierarchy(#[from] HierarchyError),
+    #[error("tessellation: {0}")]
+    Tessellation(#[from] TessellationError),
     #[error("inconsistent: {0}")]
     Inconsistent(String),
 }
@@ -261,7 +276,7 @@ impl Scene {
         self.manifest.leaves.len() as u32
     }
 
-    /// The bytes of one section. Empty for [`SectionKind::ChunkData`], which the package holds.
+    /// The bytes of one section. Empty for [`SectionKind::ChunkData`], which the package holds, and for a tessellation that is not there.
     ///
     /// # Errors
     /// Never for a checked scene.
@@ -270,6 +285,7 @@ impl Scene {
             SectionKind::Hierarchy => encode_section(kind, &self.hierarchy.nodes()),
             SectionKind::Objects => encode_section(kind, &self.objects),
             SectionKind::Sources => encode_section(kind, &self.sources),
+            SectionKind::Tessellation => Ok(self.tessellation.as_ref().map(|t| t.encode()).unwrap_or_default()),
             for_tiles => self.manifest.section_since(for_tiles, SceneSize::default()),
         }
     }
@@ -352,6 +368,9 @@ impl Package {
         for kind in KINDS {
             sections.push((kind, self.scene.section_bytes(kind).map_err(io::Error::other)?));
         }
+        if let Some(tessellation) = &self.scene.tessellation {
+            sections.push((SectionKind::Tessellation, tessellation.encode()));
+        }
         let mut all: Vec<(SectionKind, Vec<&[u8]>)> =
             sections.iter().map(|(kind, bytes)| (*kind, vec![bytes.as_slice()])).collect();
         all.push((SectionKind::ChunkData, self.chunk_data.slices().collect()));
@@ -384,8 +403,13 @@ impl Package {
             get(SectionKind::Chunks)?,
         ])?;
         let nodes: Vec<OhNode> = decode_section(SectionKind::Hierarchy, get(SectionKind::Hierarchy)?)?;
+        let tessellation = match get(SectionKind::Tessellation) {
+            Ok(bytes) => Some(Arc::new(Tessellation::decode(bytes, &manifest)?)),
+            Err(_) => None,
+        };
         let scene = Scene {
             hierarchy: Arc::new(ObjectHierarchy::new(nodes)?),
+            tessellation,
             manifest,
             objects: decode_section(SectionKind::Objects, get(SectionKind::Objects)?)?,
             sources: decode_section(SectionKind::Sources, get(SectionKind::Sources)?)?,

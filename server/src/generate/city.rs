@@ -1,6 +1,6 @@
-//! The city of the papers: 300 furnished buildings of about 3521 triangles each, with streets between.
+//! The cities of the papers: furnished buildings of about 3521 triangles each, with streets between.
 //!
-//! Five by five blocks of twelve buildings. Nodes: city, block, building, floor, room, furniture.
+//! Blocks of twelve buildings: five by five of them, or four by three. Nodes: city, block, building, floor, room, furniture.
 //! The city's centre is the origin, the street is y = 0, tall buildings stand in the middle.
 mod building;
 mod furniture;
@@ -16,7 +16,20 @@ use furniture::Stock;
 use glam::{Vec2, Vec3, vec3};
 use std::collections::BTreeMap;
 
-const BLOCKS: usize = 5;
+/// How many blocks along X and Z.
+#[derive(Clone, Copy)]
+pub struct Blocks {
+    x: usize,
+    z: usize,
+}
+
+impl Blocks {
+    /// 300 buildings.
+    pub const FIVE_BY_FIVE: Blocks = Blocks { x: 5, z: 5 };
+    /// 144 buildings.
+    pub const FOUR_BY_THREE: Blocks = Blocks { x: 4, z: 3 };
+}
+
 const LOTS_X: usize = 4;
 const LOTS_Z: usize = 3;
 const LOT_X_M: f32 = 24.0;
@@ -67,8 +80,8 @@ fn factor(color: Color) -> [f32; 4] {
     color.map(|c| f32::from(c) / 255.0)
 }
 
-/// The city as a file.
-pub fn generate(seed: u64) -> Glb {
+/// A city as a file.
+pub fn generate(seed: u64, blocks: Blocks) -> Glb {
     let mut random = Random::new(seed);
     let mut glb = GlbWriter::default();
     let mut art = random.fork();
@@ -89,12 +102,12 @@ pub fn generate(seed: u64) -> Glb {
     let street = street::Furniture::new(&mut glb, paint, leaves, glass, &mut art);
 
     let city = glb.node(None, "city".into(), None, Place::at(Vec3::ZERO));
-    ground(&mut glb, city, asphalt, grass, paint);
+    ground(&mut glb, city, blocks, [asphalt, grass, paint]);
     let sidewalk = sidewalk(&mut glb, pavement);
-    for b in 0..BLOCKS * BLOCKS {
+    for b in 0..blocks.x * blocks.z {
         let mut random = random.fork();
-        let middle = (BLOCKS - 1) as f32 / 2.0;
-        let cell = Vec2::new((b % BLOCKS) as f32 - middle, (b / BLOCKS) as f32 - middle);
+        let middle = |count: usize| (count - 1) as f32 / 2.0;
+        let cell = Vec2::new((b % blocks.x) as f32 - middle(blocks.x), (b / blocks.x) as f32 - middle(blocks.z));
         let center = vec3(cell.x * PITCH_X_M, 0.0, cell.y * PITCH_Z_M);
         let block = glb.node(Some(city), format!("block {}", b + 1), None, Place::at(center));
         glb.node(Some(block), "sidewalk".into(), Some(sidewalk), Place::at(Vec3::ZERO));
@@ -125,8 +138,8 @@ fn lot_place(lot: usize, plan: &Plan) -> Place {
 }
 
 /// Grass below, asphalt up to the outer edge of the outermost street, markings on it.
-fn ground(glb: &mut GlbWriter, city: NodeId, asphalt: MaterialId, grass: MaterialId, paint: MaterialId) {
-    let half = Vec2::new(PITCH_X_M, PITCH_Z_M) * BLOCKS as f32 / 2.0 + STREET_M / 2.0;
+fn ground(glb: &mut GlbWriter, city: NodeId, blocks: Blocks, [asphalt, grass, paint]: [MaterialId; 3]) {
+    let half = Vec2::new(PITCH_X_M * blocks.x as f32, PITCH_Z_M * blocks.z as f32) / 2.0 + STREET_M / 2.0;
     let mut field = Geometry::default();
     // Four strips around the asphalt: nothing lies in the same plane as something else.
     let (x, z, far_x, far_z) = (half.x, half.y, half.x + MARGIN_M, half.y + MARGIN_M);
@@ -137,30 +150,41 @@ fn ground(glb: &mut GlbWriter, city: NodeId, asphalt: MaterialId, grass: Materia
     glb.node(Some(city), "grass".into(), Some(mesh), Place::at(Vec3::ZERO));
 
     let lane = srgb(228, 224, 210);
-    for k in 0..=BLOCKS {
-        let at = |pitch: f32| (k as f32 - BLOCKS as f32 / 2.0) * pitch;
-        let (across_z, across_x) = (at(PITCH_Z_M), at(PITCH_X_M));
-        let half_street = STREET_M / 2.0;
-        let mut avenue = Geometry::default();
-        flat(&mut avenue, -half.x, across_z - half_street, half.x, across_z + half_street, 8.0);
-        let mut marks = Geometry::default();
-        dashes(&mut marks, half.x, |from, to| [from, across_z - 0.08, to, across_z + 0.08], lane);
-        let mesh = glb.mesh("avenue", &[(&avenue, asphalt), (&marks, paint)]);
-        glb.node(Some(city), format!("avenue {}", k + 1), Some(mesh), Place::at(Vec3::ZERO));
-
-        let mut road = Geometry::default();
-        let mut marks = Geometry::default();
-        for row in 0..BLOCKS {
-            let z = (row as f32 - (BLOCKS - 1) as f32 / 2.0) * PITCH_Z_M;
-            let (z0, z1) = (z - BLOCK_Z_M / 2.0, z + BLOCK_Z_M / 2.0);
-            flat(&mut road, across_x - half_street, z0, across_x + half_street, z1, 8.0);
-            for end in [z0 + 0.8, z1 - 2.8] {
-                zebra(&mut marks, across_x, end, lane);
-            }
+    let along = |k: usize, count: usize, pitch: f32| (k as f32 - count as f32 / 2.0) * pitch;
+    for k in 0..=blocks.x.max(blocks.z) {
+        if k <= blocks.z {
+            avenue(glb, city, k, along(k, blocks.z, PITCH_Z_M), half.x, [asphalt, paint], lane);
         }
-        let mesh = glb.mesh("street", &[(&road, asphalt), (&marks, paint)]);
-        glb.node(Some(city), format!("street {}", k + 1), Some(mesh), Place::at(Vec3::ZERO));
+        if k <= blocks.x {
+            street(glb, city, k, along(k, blocks.x, PITCH_X_M), blocks.z, [asphalt, paint], lane);
+        }
     }
+}
+
+/// The road along X at `z`.
+fn avenue(glb: &mut GlbWriter, city: NodeId, k: usize, z: f32, half_x: f32, [asphalt, paint]: [MaterialId; 2], lane: Color) {
+    let mut avenue = Geometry::default();
+    flat(&mut avenue, -half_x, z - STREET_M / 2.0, half_x, z + STREET_M / 2.0, 8.0);
+    let mut marks = Geometry::default();
+    dashes(&mut marks, half_x, |from, to| [from, z - 0.08, to, z + 0.08], lane);
+    let mesh = glb.mesh("avenue", &[(&avenue, asphalt), (&marks, paint)]);
+    glb.node(Some(city), format!("avenue {}", k + 1), Some(mesh), Place::at(Vec3::ZERO));
+}
+
+/// The roads along Z at `x`, between the avenues.
+fn street(glb: &mut GlbWriter, city: NodeId, k: usize, x: f32, rows: usize, [asphalt, paint]: [MaterialId; 2], lane: Color) {
+    let mut road = Geometry::default();
+    let mut marks = Geometry::default();
+    for row in 0..rows {
+        let z = (row as f32 - (rows - 1) as f32 / 2.0) * PITCH_Z_M;
+        let (z0, z1) = (z - BLOCK_Z_M / 2.0, z + BLOCK_Z_M / 2.0);
+        flat(&mut road, x - STREET_M / 2.0, z0, x + STREET_M / 2.0, z1, 8.0);
+        for end in [z0 + 0.8, z1 - 2.8] {
+            zebra(&mut marks, x, end, lane);
+        }
+    }
+    let mesh = glb.mesh("street", &[(&road, asphalt), (&marks, paint)]);
+    glb.node(Some(city), format!("street {}", k + 1), Some(mesh), Place::at(Vec3::ZERO));
 }
 
 fn flat(g: &mut Geometry, x0: f32, z0: f32, x1: f32, z1: f32, repeat_m: f32) {

@@ -2,6 +2,7 @@
 //!
 //! A new scene is a module beside [`city`], a variant of [`GeneratedScene`] and a line in each `match` below.
 mod boxes;
+mod cars;
 mod cathedrals;
 mod city;
 mod forest;
@@ -31,6 +32,10 @@ use std::str::FromStr;
 pub enum GeneratedScene {
     /// 300 furnished buildings of about 3521 triangles each, with streets, trees and lamp posts.
     City,
+    /// The same with 144 buildings, as large as the city that is drawn to a budget.
+    PlpCity,
+    /// Five different cars of more than 160 000 triangles each, most of them in the engine and below the body.
+    Cars,
     /// A power plant with the node tree of the UNC plant that the paper culls: 1118 groups over 3919 leaves.
     Plant,
     /// A palace city with the node tree of the paper's Fatehpur Sikri: 288 groups over 482 leaves of 3300 triangles.
@@ -49,6 +54,8 @@ impl GeneratedScene {
     /// Every scene, in the order in which they are listed to users.
     pub const ALL: &'static [GeneratedScene] = &[
         GeneratedScene::City,
+        GeneratedScene::PlpCity,
+        GeneratedScene::Cars,
         GeneratedScene::Plant,
         GeneratedScene::Palace,
         GeneratedScene::Cathedrals,
@@ -61,6 +68,8 @@ impl GeneratedScene {
     pub fn name(self) -> &'static str {
         match self {
             GeneratedScene::City => "city",
+            GeneratedScene::PlpCity => "plp-city",
+            GeneratedScene::Cars => "cars",
             GeneratedScene::Plant => "plant",
             GeneratedScene::Palace => "palace",
             GeneratedScene::Cathedrals => "cathedrals",
@@ -131,7 +140,9 @@ pub enum GenerateError {
 
 fn generate(scene: GeneratedScene, seed: u64) -> Glb {
     match scene {
-        GeneratedScene::City => city::generate(seed),
+        GeneratedScene::City => city::generate(seed, city::Blocks::FIVE_BY_FIVE),
+        GeneratedScene::PlpCity => city::generate(seed, city::Blocks::FOUR_BY_THREE),
+        GeneratedScene::Cars => cars::generate(seed),
         GeneratedScene::Plant => plant::generate(seed),
         GeneratedScene::Palace => palace::generate(seed),
         GeneratedScene::Cathedrals => cathedrals::generate(seed),

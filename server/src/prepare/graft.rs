@@ -88,6 +88,7 @@ pub fn graft(base: &Package, added: &Package, at: &Placement) -> Result<Package,
         manifest: SceneManifest { transforms, leaves, materials, chunks },
         objects: join_objects(old, new, at),
         sources: join_sources(&old.sources, &new.sources),
+        tessellation: old.tessellation.clone(),
     };
     Ok(base.grown(scene, added_bytes)?)
 }

@@ -6,6 +6,7 @@ mod machine;
 mod measure;
 mod moving;
 mod occlusion;
+mod plp;
 mod table;
 
 use anyhow::Result;
@@ -23,6 +24,8 @@ enum What {
     Cull(cull::Options),
     /// Occlusion culling beside frustum culling alone, on the same frames.
     Occlusion(occlusion::Options),
+    /// What estimates within a budget of triangles find of the visible set, without a GPU.
+    Plp(plp::Options),
 }
 
 /// Runs the command.
@@ -30,5 +33,6 @@ pub fn run(options: &Options) -> Result<()> {
     match &options.what {
         What::Cull(options) => cull::run(options),
         What::Occlusion(options) => occlusion::run(options),
+        What::Plp(options) => plp::run(options),
     }
 }

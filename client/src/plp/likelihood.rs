@@ -1,0 +1,225 @@
+//! How likely a triangle is seen: what comes through to its cell, how far it lies open towards the eye, how large it appears.
+//!
+//! Light goes from the eye's cell on through faces, from front to back. A cell gets what its neighbours before it let through, by the solid
+//! angles of the faces between; of that, its triangles' fronts keep a share, which was measured along the axes. When a cell is opened, its
+//! triangles are sorted by how likely they are seen, and drawn class by class: those that lie open first, those that hardly do after what lies
+//! open further back.
+//!
+//! Only sums, products, quotients and square roots: the same order on every machine.
+
+use glam::Vec3;
+use mullion_common::scene::{CellId, Exposure, ExposureWeights, Tessellation};
+
+use super::drawn::Drawn;
+use super::leaves::Leaves;
+use super::sight::{CellSight, face, solid_angle};
+use super::traversal::{CellMark, Cells};
+use super::{Frame, Shown};
+
+/// Classes of likelihood, where all light comes through: 1 to a half, a half to a quarter, and so on.
+const CLASSES: usize = 12;
+/// How likely a triangle is seen that does not lie open at all.
+const LEAST_OPEN: f32 = 0.004;
+/// What no cover keeps: openings that samples missed.
+const LEAST_THROUGH: f32 = 0.02;
+/// How much of a cell's light is that of its brightest face; the rest is the mean. A mean alone gets dark along the surface of what is in full
+/// view, where a part of each cell is inside; the brightest alone lets light around every corner. `mullion bench plp` tells them apart.
+const BRIGHTEST_SHARE: f32 = 0.3;
+/// As many pixels that lie open make it as likely as not that one is seen: triangles hide each other more than short ways tell.
+const PIXELS_TO_BE_SEEN: f32 = 10.0;
+
+/// What is known of the cells that light has come to, and the triangles of those that are open.
+#[derive(Debug, Default)]
+pub(super) struct Likelihood {
+    cells: Vec<Lit>,
+    /// Triangles of open cells, a cell's in one piece, likely ones first.
+    candidates: Vec<Candidate>,
+    sorted: Vec<Candidate>,
+}
+
+/// Valid once its cell was reached in this frame.
+#[derive(Clone, Copy, Debug, Default)]
+struct Lit {
+    /// Solid angle of the faces that light comes in by; 0 where none has come.
+    all: f32,
+    /// Light times solid angle, so far.
+    came: f32,
+    /// Light of the brightest of these faces.
+    brightest: f32,
+    /// Its triangles that were not drawn yet, among the candidates.
+    next: u32,
+    end: u32,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Candidate {
+    slot: u32,
+    place: u32,
+    class: u8,
+}
+
+impl Likelihood {
+    pub fn begin(&mut self, tessellation: &Tessellation) {
+        self.cells.clear();
+        self.cells.resize(tessellation.cells().len(), Lit::default());
+        self.candidates.clear();
+    }
+
+    /// All light comes to a cell.
+    pub fn seed(&mut self, cells: &mut Cells, cell: CellId) {
+        self.cells[cell.index()] = Lit { all: 1.0, came: 1.0, brightest: 1.0, ..Lit::default() };
+        cells.front.enqueue(cell, -1.0);
+    }
+
+    /// Opens a cell: light goes on to the neighbours behind it, and it waits for its first triangles' turn.
+    pub fn open(&mut self, cells: &mut Cells, leaves: &mut Leaves, drawn: &Drawn, frame: &Frame<'_>, id: CellId) {
+        let tessellation = frame.tessellation;
+        cells.set(id, CellMark::Projected);
+        let from_eye = cells.sight.corners_from_eye(tessellation, id);
+        let cell = tessellation.cell(id);
+        let light = self.cells[id.index()].light();
+        let view = from_eye[0] + from_eye[1] + from_eye[2] + from_eye[3];
+        for (k, beyond) in cell.neighbours.into_iter().enumerate() {
+            let Some(beyond) = beyond.get() else { continue };
+            let angle = solid_angle(&from_eye, k);
+            if angle > 0.0 && cells.is_in_sight(tessellation, beyond) && cells.mark(beyond) != CellMark::Projected {
+                let out = face(&from_eye, k).0;
+                let through = light * (1.0 - cell.cover.of_face(k, out, view)).max(LEAST_THROUGH);
+                self.shine(cells, tessellation, beyond, angle, through);
+            }
+        }
+        self.sort_triangles(cells, leaves, drawn, frame, id, view * 0.25);
+        self.wait(cells, id);
+    }
+
+    /// Draws the class whose turn it is; whether the budget allowed all of it. The cell waits for its next class.
+    pub fn draw(&mut self, cells: &mut Cells, drawn: &mut Drawn, cell: CellId, budget: u32) -> bool {
+        let Lit { next, end, .. } = self.cells[cell.index()];
+        let class = self.candidates[next as usize].class;
+        for at in next..end {
+            let candidate = self.candidates[at as usize];
+            if candidate.class != class {
+                self.cells[cell.index()].next = at;
+                self.wait(cells, cell);
+                return true;
+            }
+            if !drawn.holds(candidate.slot) {
+                if drawn.count() == budget {
+                    self.cells[cell.index()].next = at;
+                    return false;
+                }
+                drawn.take(candidate.place, candidate.slot);
+            }
+        }
+        self.cells[cell.index()].next = end;
+        true
+    }
+
+    /// Enqueues an open cell by its next class, if there is one.
+    fn wait(&self, cells: &mut Cells, cell: CellId) {
+        let Lit { next, end, .. } = self.cells[cell.index()];
+        if next < end {
+            let class = self.candidates[next as usize].class;
+            cells.front.enqueue(cell, -(self.cells[cell.index()].weight() * likely(class)));
+        }
+    }
+
+    /// Light comes to a cell by a face of this solid angle.
+    fn shine(&mut self, cells: &mut Cells, tessellation: &Tessellation, cell: CellId, angle: f32, light: f32) {
+        if self.cells[cell.index()].all == 0.0 {
+            let from_eye = cells.sight.corners_from_eye(tessellation, cell);
+            let mut all = f32::MIN_POSITIVE;
+            for (k, before) in tessellation.cell(cell).neighbours.into_iter().enumerate() {
+                let angle = -solid_angle(&from_eye, k);
+                if angle > 0.0 && before.get().is_some_and(|before| cells.is_in_sight(tessellation, before)) {
+                    all += angle;
+                }
+            }
+            self.cells[cell.index()] = Lit { all, ..Lit::default() };
+        }
+        let lit = &mut self.cells[cell.index()];
+        lit.came = (lit.came + angle * light).min(lit.all);
+        lit.brightest = lit.brightest.max(light);
+        cells.front.enqueue(cell, -lit.weight());
+    }
+
+    /// Notes the triangles of a cell that may be seen and are not drawn, by class. `middle` is the cell's, from the eye.
+    fn sort_triangles(
+        &mut self,
+        cells: &Cells,
+        leaves: &mut Leaves,
+        drawn: &Drawn,
+        frame: &Frame<'_>,
+        cell: CellId,
+        middle: Vec3,
+    ) {
+        let tessellation = frame.tessellation;
+        let weights = ExposureWeights::towards(-middle);
+        let pixels_per_m2 = pixels_per_m2(&cells.sight, middle);
+        let start = self.candidates.len();
+        let mut counts = [0usize; CLASSES + 1];
+        for (place, rows) in tessellation.runs(cell) {
+            let leaf = leaves.sight(frame, place);
+            if leaf.shown == Shown::None {
+                continue;
+            }
+            let first = tessellation.slots(place).start;
+            let facings = tessellation.facings(place);
+            for number in rows.flatten() {
+                let slot = first + u32::from(number);
+                if drawn.holds(slot) || leaf.is_away(facings[usize::from(number)]) {
+                    continue;
+                }
+                let class = class(&weights, pixels_per_m2, tessellation.exposures()[slot as usize]);
+                counts[usize::from(class) + 1] += 1;
+                self.candidates.push(Candidate { slot, place, class });
+            }
+        }
+        for class in 0..CLASSES {
+            counts[class + 1] += counts[class];
+        }
+        self.sorted.clear();
+        self.sorted.resize(self.candidates.len() - start, Candidate::default());
+        for candidate in &self.candidates[start..] {
+            let at = &mut counts[usize::from(candidate.class)];
+            self.sorted[*at] = *candidate;
+            *at += 1;
+        }
+        self.candidates[start..].copy_from_slice(&self.sorted);
+        let lit = &mut self.cells[cell.index()];
+        (lit.next, lit.end) = (start as u32, self.candidates.len() as u32);
+    }
+}
+
+impl Lit {
+    /// What comes through to the cell, 0 to 1.
+    fn light(&self) -> f32 {
+        BRIGHTEST_SHARE * self.brightest + (1.0 - BRIGHTEST_SHARE) * self.came / self.all
+    }
+
+    /// How much that counts: what is in the dark counts less than its light says, as hidden triangles of a cell are hidden together.
+    fn weight(&self) -> f32 {
+        let light = self.light();
+        light * light.sqrt()
+    }
+}
+
+/// The class of a triangle: by how many of its pixels lie open towards the eye.
+#[inline]
+fn class(weights: &ExposureWeights, pixels_per_m2: f32, exposure: Exposure) -> u8 {
+    let share = weights.of(exposure);
+    let open = exposure.area_m2() * pixels_per_m2 * (LEAST_OPEN + (1.0 - LEAST_OPEN) * share * share);
+    let likely = open / (open + PIXELS_TO_BE_SEEN);
+    // The exponent counts halvings from 1 on.
+    (126 - (likely.to_bits() >> 23).min(126)).min(CLASSES as u32 - 1) as u8
+}
+
+/// How likely a triangle of a class is seen where all light comes through: its upper end.
+fn likely(class: u8) -> f32 {
+    f32::from_bits((127 - u32::from(class)) << 23)
+}
+
+/// Pixels that a square metre covers there at most.
+fn pixels_per_m2(sight: &CellSight, from_eye: Vec3) -> f32 {
+    sight.pixels_per_radian * sight.pixels_per_radian / from_eye.length_squared().max(f32::MIN_POSITIVE)
+}

@@ -1,0 +1,106 @@
+//! Cells and leaves as an eye sees them.
+
+use glam::{DVec3, Vec3};
+use mullion_common::geometry::{Containment, Obb, Plane};
+use mullion_common::scene::{CellId, FACES, Facing, FacingEye, SceneManifest, Tessellation};
+
+use super::{Shown, Sight};
+
+/// What rounding in `f32` may cost, as a share of a corner's distance: a cell that is outside by less is inside.
+const SLACK: f32 = 1e-4;
+
+/// A sight in the tessellation's space, in `f32`.
+#[derive(Debug, Default)]
+pub(super) struct CellSight {
+    /// Metres from the tessellation's origin.
+    pub eye: Vec3,
+    /// Normals, and how far the eye is inside.
+    planes: Vec<(Vec3, f32)>,
+    pub pixels_per_radian: f32,
+}
+
+impl CellSight {
+    pub fn set(&mut self, sight: &Sight<'_>, tessellation: &Tessellation) {
+        self.eye = (sight.eye - tessellation.origin()).as_vec3();
+        self.planes.clear();
+        self.planes.extend(sight.planes.iter().map(|plane| (plane.normal.as_vec3(), plane.distance_m(sight.eye) as f32)));
+        self.pixels_per_radian = sight.pixels_per_radian;
+    }
+
+    /// Whether a cell, by its corners from the eye, may be seen. Conservative: near an edge of the frustum it may be outside.
+    #[inline]
+    pub fn may_see(&self, from_eye: &[Vec3; 4]) -> bool {
+        self.planes.iter().all(|(normal, eye_m)| {
+            from_eye.iter().any(|corner| {
+                let reach = corner.x.abs() + corner.y.abs() + corner.z.abs();
+                normal.dot(*corner) + eye_m >= -SLACK * reach
+            })
+        })
+    }
+
+    /// A cell's corners from the eye.
+    #[inline]
+    pub fn corners_from_eye(&self, tessellation: &Tessellation, cell: CellId) -> [Vec3; 4] {
+        tessellation.corners(cell).map(|corner| corner - self.eye)
+    }
+}
+
+/// The area and direction of a face, out of its cell, doubled; and a corner of it.
+#[inline]
+pub(super) fn face(corners: &[Vec3; 4], face: usize) -> (Vec3, [Vec3; 3]) {
+    let [a, b, c] = FACES[face].map(|k| corners[k]);
+    ((b - a).cross(c - a), [a, b, c])
+}
+
+/// Whether the eye, at the origin, is before a face, out of its cell.
+#[inline]
+pub(super) fn is_before(corners: &[Vec3; 4], k: usize) -> bool {
+    let (normal, [a, ..]) = face(corners, k);
+    normal.dot(a) < 0.0
+}
+
+/// About the solid angle of a face for the eye, at the origin: above 0 where the way out of the cell leads away from the eye.
+#[inline]
+pub(super) fn solid_angle(corners: &[Vec3; 4], k: usize) -> f32 {
+    let (normal, [a, b, c]) = face(corners, k);
+    let middle = a + b + c;
+    let square = middle.length_squared().max(f32::MIN_POSITIVE);
+    normal.dot(middle) / (square * square.sqrt())
+}
+
+/// How a leaf is seen.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LeafSight {
+    eye: FacingEye,
+    pub shown: Shown,
+}
+
+impl LeafSight {
+    /// The leaf's box in the world is held against the planes: conservative.
+    pub fn new(scene: &SceneManifest, leaf: u32, eye: DVec3, planes: &[Plane]) -> Self {
+        let record = &scene.leaves[leaf as usize];
+        let world_from_local = scene.transforms[record.object.0 as usize].affine();
+        let bound = Obb::from(record.local_aabb()).transformed(&world_from_local);
+        let is_outside = planes.iter().any(|plane| plane.classify(&bound, eye) == Containment::Outside);
+        let eye_in_leaf = world_from_local.inverse().transform_point3(eye).as_vec3();
+        let (middle, radius) = record.middle_and_radius();
+        let shown = match (is_outside, scene.materials[record.material.0 as usize].double_sided) {
+            (true, _) => Shown::None,
+            // What has no inverse, or an eye too far for `f32`, tells nothing about fronts.
+            (false, double_sided) if double_sided || !eye_in_leaf.is_finite() => Shown::All,
+            (false, _) => Shown::Fronts,
+        };
+        Self { eye: FacingEye::new(eye_in_leaf, middle, radius), shown }
+    }
+
+    /// A leaf that nobody has looked at.
+    pub fn unseen() -> Self {
+        Self { eye: FacingEye::new(Vec3::ZERO, Vec3::ZERO, 0.0), shown: Shown::None }
+    }
+
+    /// Whether a triangle of the leaf is surely seen from behind.
+    #[inline]
+    pub fn is_away(&self, facing: Facing) -> bool {
+        self.shown == Shown::Fronts && facing.is_away_from(&self.eye)
+    }
+}

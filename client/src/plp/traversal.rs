@@ -1,0 +1,248 @@
+//! The rendering loop, Fig. 5: min(F) is projected until the budget is reached.
+
+use mullion_common::scene::{CellId, Tessellation};
+
+use super::drawn::Drawn;
+use super::front::Front;
+use super::leaves::Leaves;
+use super::likelihood::Likelihood;
+use super::paper::Paper;
+use super::sight::{CellSight, is_before};
+use super::{Frame, Sight, Solidity};
+
+/// What a traversal has done so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Projected {
+    /// Cells taken from the front.
+    pub cells: u32,
+    /// Distinct triangles drawn.
+    pub triangles: u32,
+    /// Whether all that can be reached has been projected.
+    pub is_complete: bool,
+}
+
+/// A traversal of one tessellation, frame after frame. Takes memory in the first frame only.
+///
+/// The triangles of a budget are those of any smaller one and more: an estimate grows with its budget.
+#[derive(Debug, Default)]
+pub struct Traversal {
+    cells: Cells,
+    solidity: Solidity,
+    paper: Paper,
+    likelihood: Likelihood,
+    leaves: Leaves,
+    drawn: Drawn,
+    /// Cells in the order in which they were first projected.
+    order: Vec<CellId>,
+    /// The cell whose triangles did not all fit.
+    unfinished: Option<CellId>,
+    done: Projected,
+    /// The eye's cell in the last frame.
+    near: CellId,
+}
+
+/// The front, and what is known of each cell in this frame.
+#[derive(Debug, Default)]
+pub(super) struct Cells {
+    pub front: Front,
+    pub sight: CellSight,
+    /// Two bits of meaning and the frame's number: what is older than the frame means nothing.
+    marks: Vec<u32>,
+    frame: u32,
+}
+
+const KNOWN_BITS: u32 = 2;
+
+/// Where a cell stands in a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum CellMark {
+    /// Nobody has asked.
+    New,
+    /// The frustum does not meet it.
+    Outside,
+    /// It was reached.
+    Reached,
+    /// It was projected.
+    Projected,
+}
+
+impl Cells {
+    fn begin(&mut self, tessellation: &Tessellation, sight: &Sight<'_>) {
+        let cells = tessellation.cells().len();
+        self.front.clear(cells);
+        self.frame += 1;
+        if self.marks.len() != cells || self.frame >> (u32::BITS - KNOWN_BITS) != 0 {
+            self.marks.clear();
+            self.marks.resize(cells, 0);
+            self.frame = 1;
+        }
+        self.sight.set(sight, tessellation);
+    }
+
+    #[inline]
+    pub fn mark(&self, cell: CellId) -> CellMark {
+        let mark = self.marks[cell.index()];
+        match (mark >> KNOWN_BITS == self.frame, mark & 3) {
+            (false, _) => CellMark::New,
+            (true, 1) => CellMark::Outside,
+            (true, 2) => CellMark::Reached,
+            (true, _) => CellMark::Projected,
+        }
+    }
+
+    #[inline]
+    pub fn set(&mut self, cell: CellId, mark: CellMark) {
+        self.marks[cell.index()] = self.frame << KNOWN_BITS | mark as u32;
+    }
+
+    /// Whether a cell is in the frustum, asked once a frame.
+    #[inline]
+    pub fn is_in_sight(&mut self, tessellation: &Tessellation, cell: CellId) -> bool {
+        match self.mark(cell) {
+            CellMark::New => {
+                let in_sight = self.sight.may_see(&self.sight.corners_from_eye(tessellation, cell));
+                self.set(cell, if in_sight { CellMark::Reached } else { CellMark::Outside });
+                in_sight
+            }
+            mark => mark != CellMark::Outside,
+        }
+    }
+}
+
+impl Traversal {
+    /// A traversal that has seen nothing.
+    pub fn new() -> Self {
+        Self { near: CellId(0), ..Self::default() }
+    }
+
+    /// From the next frame on the leaf at a place in [`Tessellation::leaves`] is not drawn: its object has moved, and whoever draws draws it
+    /// apart; or is drawn again.
+    pub fn leave_out(&mut self, tessellation: &Tessellation, place: u32, left_out: bool) {
+        self.leaves.leave_out(tessellation, place, left_out);
+    }
+
+    /// Starts a frame: empties the front, and seeds it with the eye's cell or, from outside the hull, with the cells at faces that the eye
+    /// is before.
+    pub fn begin(&mut self, frame: &Frame<'_>, solidity: Solidity) {
+        let tessellation = frame.tessellation;
+        self.solidity = solidity;
+        self.cells.begin(tessellation, &frame.sight);
+        self.drawn.clear(tessellation);
+        self.leaves.begin(tessellation);
+        self.order.clear();
+        self.unfinished = None;
+        self.done = Projected::default();
+        match solidity {
+            Solidity::Paper => self.paper.begin(tessellation),
+            Solidity::Likelihood => self.likelihood.begin(tessellation),
+        }
+        if tessellation.cells().is_empty() {
+            return;
+        }
+        match self.eye_cell(tessellation) {
+            Some(cell) => {
+                self.near = cell;
+                self.cells.set(cell, CellMark::Reached);
+                self.seed(cell);
+            }
+            None => self.seed_entries(tessellation),
+        }
+    }
+
+    fn seed(&mut self, cell: CellId) {
+        match self.solidity {
+            Solidity::Paper => self.paper.seed(&mut self.cells, cell),
+            Solidity::Likelihood => self.likelihood.seed(&mut self.cells, cell),
+        }
+    }
+
+    /// Seeds every cell with a face on the hull that the eye is before: light comes in there.
+    fn seed_entries(&mut self, tessellation: &Tessellation) {
+        for index in 0..tessellation.cells().len() as u32 {
+            let cell = CellId(index);
+            let neighbours = tessellation.cell(cell).neighbours;
+            if !neighbours.contains(&CellId::NONE) {
+                continue;
+            }
+            let from_eye = self.cells.sight.corners_from_eye(tessellation, cell);
+            let is_entry = (0..4).any(|k| neighbours[k] == CellId::NONE && is_before(&from_eye, k));
+            if is_entry && self.cells.is_in_sight(tessellation, cell) {
+                self.seed(cell);
+            }
+        }
+    }
+
+    /// The cell that the eye is in, by a walk from where it was: `None` outside the hull.
+    fn eye_cell(&self, tessellation: &Tessellation) -> Option<CellId> {
+        let mut cell = if self.near.index() < tessellation.cells().len() { self.near } else { CellId(0) };
+        // A walk in a Delaunay mesh ends; where rounding leads it around, any cell on the way is as good.
+        for _ in 0..tessellation.cells().len() {
+            let from_eye = self.cells.sight.corners_from_eye(tessellation, cell);
+            let Some(beyond) = (0..4).find(|k| is_before(&from_eye, *k)) else { return Some(cell) };
+            cell = tessellation.cell(cell).neighbours[beyond].get()?;
+        }
+        Some(cell)
+    }
+
+    /// Projects cells until `budget` triangles are drawn, never more, or nothing is left. With a larger budget it goes on from there.
+    ///
+    /// `frame` is that of [`Traversal::begin`].
+    pub fn project(&mut self, frame: &Frame<'_>, budget: u32) -> Projected {
+        while self.drawn.count() < budget {
+            let cell = match self.unfinished.take() {
+                Some(cell) => cell,
+                None => match self.cells.front.pop() {
+                    Some((key, cell)) if self.open(frame, cell, key) => cell,
+                    Some(_) => continue,
+                    None => {
+                        self.done.is_complete = true;
+                        break;
+                    }
+                },
+            };
+            let (leaves, drawn) = (&mut self.leaves, &mut self.drawn);
+            let all = match self.solidity {
+                Solidity::Paper => Paper::draw(leaves, drawn, frame, cell, budget),
+                Solidity::Likelihood => self.likelihood.draw(&mut self.cells, drawn, cell, budget),
+            };
+            self.unfinished = (!all).then_some(cell);
+        }
+        self.done.triangles = self.drawn.count();
+        self.done
+    }
+
+    /// What follows from a cell's leaving the front: its neighbours are enqueued. Whether its triangles are to be drawn at once.
+    fn open(&mut self, frame: &Frame<'_>, cell: CellId, key: f32) -> bool {
+        let is_first = self.cells.mark(cell) != CellMark::Projected;
+        if is_first {
+            self.order.push(cell);
+            self.done.cells += 1;
+        }
+        match self.solidity {
+            Solidity::Paper => {
+                self.paper.open(&mut self.cells, frame.tessellation, cell, key);
+                true
+            }
+            Solidity::Likelihood if is_first => {
+                self.likelihood.open(&mut self.cells, &mut self.leaves, &self.drawn, frame, cell);
+                false
+            }
+            Solidity::Likelihood => true,
+        }
+    }
+
+    /// What is drawn so far.
+    pub fn drawn(&self) -> &Drawn {
+        &self.drawn
+    }
+
+    /// The cells that were projected, first to last.
+    pub fn cells(&self) -> &[CellId] {
+        &self.order
+    }
+
+    /// plp_front: the cells that would be next, in no order; by likelihood also those of whose triangles some are left.
+    pub fn front(&self) -> impl Iterator<Item = CellId> + '_ {
+        self.cells.front.cells()
+    }
+}
