@@ -92,6 +92,7 @@ fn package() -> Arc<Package> {
             piece_ends: vec![1, 2, 3],
             triangles: vec![0; 3],
         },
+        tessellation: None,
     };
     Arc::new(Package::new(scene, data).expect("a valid package"))
 }
