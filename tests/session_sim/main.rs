@@ -15,6 +15,8 @@
 //! A failing seed is printed. `MULLION_SIM_SEEDS=1000` runs more; `MULLION_SIM_SEED=n` runs one. Every wall of 64 nodes stands for twenty
 //! smaller ones.
 
+mod promises;
+#[path = "../session_support/mod.rs"]
 mod session_support;
 
 use std::cmp::Reverse;
@@ -24,18 +26,16 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_client::missing::WhenMissing;
-use mullion_client::tile_session::{Action, DrawStats, EndedBy, FrameToDraw, TileSession};
+use mullion_client::tile_session::{Action, DrawStats, EndedBy, TileSession};
 use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Transform};
-use mullion_common::visible_set::{LeafRange, VisibleSet};
+use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
 use mullion_common::wire::{Bye, ByeCode, Moved, ObjectCount, Opening, PROTOCOL_VERSION, SectionRef, Steering, ToTile, body_of};
-use mullion_server::master::{
-    Adaptive, FrameInput, FrameReleased, Kind, Master, MasterOptions, ObjectLeaves, Outbox, Output, Pace, PeerId,
-};
+use mullion_server::master::{Adaptive, FrameInput, Kind, Master, MasterOptions, ObjectLeaves, Outbox, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 use session_support::random::Random;
 use session_support::seeds::{seeds, small_wall};
-use session_support::{OBJECTS, chunks_of, package, transform, visible, wall};
+use session_support::{OBJECTS, package, transform, visible, wall};
 
 const LEAVES: u32 = 200;
 /// When the show is stopped. Faults are over long before.
@@ -564,26 +564,6 @@ impl Sim {
         }
     }
 
-    fn check_draw(&mut self, node: usize, frame: &FrameToDraw) {
-        let dropped = self.dropped.entry(frame.number).or_insert_with(|| frame.dropped.clone());
-        assert_eq!(frame.dropped, *dropped, "node {node}, frame {}", frame.number);
-        self.drops += u64::from(!dropped.is_empty());
-        let objects: BTreeSet<u32> = dropped.leaves().map(|leaf| leaf % OBJECTS).collect();
-        let whole = (0..LEAVES).filter(|leaf| objects.contains(&(leaf % OBJECTS))).count();
-        assert_eq!(dropped.len() as usize, whole, "node {node}, frame {}", frame.number);
-        assert!(dropped.is_empty() || self.options.adaptive.is_some());
-        let n = &self.nodes[node];
-        let number = frame.number as usize;
-        assert_eq!(frame.views[0].leaves, self.sets[number][node], "node {node}, frame {number}");
-        assert_eq!(n.transforms, self.places[number], "node {node}, frame {number}");
-        let manifest = n.scene.as_ref().expect("a scene is open before anything is drawn");
-        let one = |leaf| VisibleSet::from_ranges([LeafRange::new(leaf, leaf + 1)]);
-        let lacks = |leaf: &u32| chunks_of(manifest, &one(*leaf)).any(|c| !n.uploaded.contains(&c.0));
-        let lacking: Vec<u32> = frame.views[0].leaves.leaves().filter(lacks).collect();
-        assert_eq!(frame.views[0].missing.leaves().collect::<Vec<_>>(), lacking, "node {node}, frame {number}");
-        assert!(lacking.is_empty() || self.setting.0 != WhenMissing::Hold, "node {node}, frame {number}");
-    }
-
     /// How much a node says that it sees of an object's box: little of most. The first node lies.
     fn count(&mut self, node: usize, object: ObjectId) -> ObjectCount {
         let visible_px = match node {
@@ -647,49 +627,6 @@ impl Sim {
         self.sets.push(sets.clone());
         self.places.push(places);
         self.master.begin_frame(&input, self.now, &mut |_| {});
-    }
-
-    fn check_release(&mut self, released: &FrameReleased) {
-        let FrameReleased { number, waited, passed_over, .. } = released;
-        self.released = Some(*number);
-        self.released_at.push(self.now);
-        for node in passed_over {
-            self.passed_over[usize::from(node.0)] += 1;
-        }
-        let still_live: Vec<usize> =
-            self.live_at_begin.iter().copied().filter(|n| self.master.standing(NodeIndex(*n as u16)) == Standing::Live).collect();
-        for node in &still_live {
-            // A node whose connection broke a moment ago may be live for the master still; it had said that it was ready.
-            if self.nodes[*node].peer.is_some() {
-                assert_eq!(self.nodes[*node].drawn, Some(*number), "node {node} is live and has not drawn frame {number}");
-            }
-        }
-        if *number > 0 {
-            assert!(*waited <= WAIT, "frame {number} waited {waited:?}");
-            // The last node may be ready in the very microsecond in which the wait is over.
-            if *waited == WAIT && self.heard_at < self.now && !self.live_at_begin.is_empty() {
-                assert!(!passed_over.is_empty() || still_live.is_empty(), "frame {number} waited for nobody");
-            }
-        }
-    }
-
-    fn check_end(&self) {
-        for (i, node) in self.nodes.iter().enumerate() {
-            // New leaves come into view all the time: a node may be fetching while the last few frames pass.
-            let shown_at = node.shown.map(|frame| self.released_at[frame as usize]);
-            assert!(shown_at > Some(END - BACK_IN_PICTURE), "node {i} shows frame {:?} of {:?}", node.shown, self.released);
-            if self.setting.1 == ENOUGH_MEMORY_BYTES {
-                let chunks = self.package.scene.manifest.chunks.len();
-                assert_eq!((node.uploaded.len(), node.evictions), (chunks, 0), "node {i} did not fetch ahead");
-            }
-            // Blobs may make a node late too: it is live from its first frame in time on, and fetches as the view moves.
-            let faults = node.times_hung + 1;
-            assert!(self.passed_over[i] <= 8 * faults, "node {i} was passed over {} times", self.passed_over[i]);
-        }
-        let frames = self.released_at.len() as u64;
-        assert!(self.options.adaptive.is_some() || self.drops == 0);
-        assert!(self.deltas > frames, "{} deltas in {frames} frames", self.deltas);
-        assert!(self.shows_told > frames && self.shows_told <= self.shows, "{} of {} told", self.shows_told, self.shows);
     }
 }
 
