@@ -15,8 +15,7 @@ use glam::{DAffine3, DVec3};
 use image::RgbaImage;
 use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
-use mullion_client::missing::WhenMissing;
-use mullion_client::node::{Connector, DEFAULT_MEMORY_BYTES, NodeOptions, Reconnect, Security, run as run_node};
+use mullion_client::node::{NodeOptions, Reconnect, run as run_node};
 use mullion_client::occlusion::Occlusion;
 use mullion_common::geometry::{Aabb, Obb};
 use mullion_common::scene::{
@@ -25,7 +24,7 @@ use mullion_common::scene::{
 };
 use mullion_common::visible_set::LeafRange;
 use mullion_common::wall::{Wall, WallConfig};
-use mullion_common::wire::{Moved, Part};
+use mullion_common::wire::Moved;
 use mullion_server::service::{Pose, Rate, Show, ShowOptions, run as run_show};
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -160,17 +159,8 @@ fn show(gpu: &Arc<Gpu>, plan: Plan) -> ([RgbaImage; 2], Vec<u32>) {
 fn draw(node: String, gpu: Arc<Gpu>, master: String, occlusion: Occlusion) -> RgbaImage {
     let mut painter = GpuPainter::new(gpu, Output::Keep).culling(occlusion);
     let options = NodeOptions {
-        connector: Connector::default(),
-        masters: vec![master],
-        security: Security::Plain,
-        node,
-        part: Part::Own,
-        credentials: None,
-        memory_bytes: DEFAULT_MEMORY_BYTES,
-        when_missing: WhenMissing::Hold,
-        cache: None,
         reconnect: Reconnect { give_up_after: Some(Duration::from_secs(5)), ..Reconnect::default() },
-        stop: None,
+        ..NodeOptions::plain(&node, master)
     };
     run_node(options, &mut painter).expect("the node goes on to the end");
     painter.pictures().expect("pictures").remove(0).1

@@ -16,11 +16,9 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
-use mullion_client::missing::WhenMissing;
-use mullion_client::node::{Connector, NodeError, NodeOptions, Reconnect, Security};
+use mullion_client::node::{NodeError, NodeOptions, Reconnect};
 use mullion_client::protocol_node::{self, ProtocolReport};
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wire::Part;
 use mullion_control::{Command, Control, Error, Insert, Inserted, MoveObject, NodeStanding, ObjectNumber, ObjectRange, Reason};
 use mullion_server::control::LiveScene;
 use mullion_server::library::Library;
@@ -41,17 +39,9 @@ fn steered<T>(packages: Option<&Path>, steer: impl FnOnce(Addresses) -> T) -> (V
 
 fn node(master: SocketAddr, name: &'static str) -> NodeThread {
     let options = NodeOptions {
-        connector: Connector::default(),
-        masters: vec![master.to_string()],
-        part: Part::Own,
-        node: name.into(),
-        credentials: None,
-        security: Security::Plain,
         memory_bytes: 0,
-        when_missing: WhenMissing::Hold,
-        cache: None,
         reconnect: Reconnect { give_up_after: Some(Duration::from_secs(5)), ..Reconnect::default() },
-        stop: None,
+        ..NodeOptions::plain(name, master.to_string())
     };
     thread::spawn(move || {
         tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(protocol_node::run(options))

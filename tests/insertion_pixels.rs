@@ -15,11 +15,9 @@ use glam::{DAffine3, DQuat, DVec3};
 use image::RgbaImage;
 use mullion_client::gpu::{Gpu, GpuOptions};
 use mullion_client::gpu_painter::{GpuPainter, Output};
-use mullion_client::missing::WhenMissing;
-use mullion_client::node::{Connector, DEFAULT_MEMORY_BYTES, NodeOptions, NodeReport, Reconnect, Security, run as run_node};
+use mullion_client::node::{NodeOptions, NodeReport, Reconnect, run as run_node};
 use mullion_common::scene::Package;
 use mullion_common::wall::{Wall, WallConfig};
-use mullion_common::wire::Part;
 use mullion_server::control::LiveScene;
 use mullion_server::cull::Algorithm;
 use mullion_server::generate::{GeneratedScene, write_glb};
@@ -82,17 +80,8 @@ fn show(package: &Arc<Package>, room: DAffine3, mut offer: Option<Arc<Offer>>) -
     let service = thread::spawn(move || run_show(listener, show));
     let mut painter = GpuPainter::new(Gpu::open(GpuOptions::default()).unwrap(), Output::Keep);
     let options = NodeOptions {
-        connector: Connector::default(),
-        masters: vec![address.to_string()],
-        security: Security::Plain,
-        node: "both".into(),
-        part: Part::Own,
-        credentials: None,
-        memory_bytes: DEFAULT_MEMORY_BYTES,
-        when_missing: WhenMissing::Hold,
-        cache: None,
         reconnect: Reconnect { give_up_after: Some(Duration::from_secs(5)), ..Reconnect::default() },
-        stop: None,
+        ..NodeOptions::plain("both", address.to_string())
     };
     let report = run_node(options, &mut painter).expect("the node goes on to the end");
     service.join().unwrap().expect("the show goes on to its end");

@@ -17,10 +17,7 @@ use std::time::{Duration, Instant};
 
 use glam::{DAffine3, DVec3};
 use mullion_client::disk_cache::DiskCache;
-use mullion_client::missing::WhenMissing;
-use mullion_client::node::{
-    Connector, DEFAULT_MEMORY_BYTES, NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, Security, run,
-};
+use mullion_client::node::{NodeError, NodeOptions, NodeReport, PaintError, Painter, Reconnect, run};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
 use mullion_common::scene::{ChunkId, Package, SceneManifest};
 use mullion_common::visible_set::VisibleSet;
@@ -105,19 +102,7 @@ fn sees_some(frame: u64, view: usize) -> VisibleSet {
 
 fn options(address: SocketAddr, node: &str) -> NodeOptions {
     let reconnect = Reconnect { give_up_after: Some(Duration::from_secs(5)), ..Reconnect::default() };
-    NodeOptions {
-        masters: vec![address.to_string()],
-        connector: Connector::default(),
-        part: Part::Own,
-        node: node.into(),
-        credentials: None,
-        security: Security::Plain,
-        memory_bytes: DEFAULT_MEMORY_BYTES,
-        when_missing: WhenMissing::Hold,
-        cache: None,
-        reconnect,
-        stop: None,
-    }
+    NodeOptions { reconnect, ..NodeOptions::plain(node, address.to_string()) }
 }
 
 /// Sends bytes, then reads the master's messages until it closes.

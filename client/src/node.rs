@@ -122,6 +122,23 @@ const PATIENCE_WITH_STANDBYS: Duration = Duration::from_secs(3);
 const _: () = assert!(PATIENCE_WITH_STANDBYS.as_secs() > 2 * ALIVE_EVERY.as_secs(), "a lost sign of life is no death");
 
 impl NodeOptions {
+    /// Of a node with a place of its own that finds its master over plain sockets, holds pictures until all has come, and keeps nothing.
+    pub fn plain(node: &str, master: String) -> Self {
+        Self {
+            masters: vec![master],
+            connector: Connector::default(),
+            security: Security::Plain,
+            node: node.to_owned(),
+            part: Part::Own,
+            credentials: None,
+            memory_bytes: DEFAULT_MEMORY_BYTES,
+            when_missing: WhenMissing::Hold,
+            cache: None,
+            reconnect: Reconnect::default(),
+            stop: None,
+        }
+    }
+
     /// How long the master may say nothing before it counts as gone.
     pub(crate) fn patience(&self) -> Duration {
         if self.masters.len() > 1 { PATIENCE_WITH_STANDBYS } else { SILENCE_LIMIT }
