@@ -48,7 +48,7 @@ pub fn draw(
     package: &Package,
     (target, projection, visible): (ViewId, Projection, &VisibleSet),
 ) -> Result<Drawn> {
-    let views = [ViewInput { view: target, projection, visible, missing: &VisibleSet::default() }];
+    let views = [ViewInput { view: target, projection, visible, missing: &VisibleSet::default(), estimate: None }];
     let mut drawn = Drawn::default();
     let mut round = Some(planner.begin(FrameInput {
         views: &views,

@@ -15,6 +15,8 @@ use crate::occlusion::unit::{Counts, Footprint};
 use crate::occlusion::view::CulledView;
 use crate::occlusion::worth::Worth;
 use crate::occlusion::{Adaptive, BoxTest, Occlusion};
+use crate::parts::Parts;
+use crate::plp::{Estimate, Share};
 
 /// What the planner needs to know of one frame.
 pub struct FrameInput<'a> {
@@ -42,6 +44,8 @@ pub struct ViewInput<'a> {
     pub visible: &'a VisibleSet,
     /// Leaves of `visible` of which not all chunks have come: none of them is drawn as it is.
     pub missing: &'a VisibleSet,
+    /// An estimate of what is visible, which limits what is drawn of opaque and masked leaves. Pictures change.
+    pub estimate: Option<Estimate<'a>>,
 }
 
 /// What to draw in one round. Executed by [`crate::gpu::Renderer::draw`].
@@ -62,6 +66,8 @@ pub struct PassPlan {
     pub round: u32,
     /// Opaque and masked leaves, drawn in ascending order.
     pub opaque: VisibleSet,
+    /// Those of them that are not drawn whole. Needs [`crate::gpu::Renderer::keep_indices`].
+    pub parts: Parts,
     /// With occlusion culling those of `opaque` that are drawn at once. The others, and blended ones, are drawn where their boxes are seen
     /// beyond these.
     pub first: Option<VisibleSet>,
@@ -220,6 +226,7 @@ impl Planner {
         (pass.view, pass.projection, pass.missing) = (view.view, view.projection, 0);
         pass.round = 0;
         pass.opaque.clear();
+        pass.parts.clear();
         pass.bounds.clear();
         pass.look_for.clear();
         pass.footprints.clear();
@@ -227,8 +234,13 @@ impl Planner {
         pass.boxes.clear();
         self.keyed.clear();
         let leaf_count = input.manifest.leaves.len() as u32;
+        let mut shares = view.estimate.map(Estimate::shares);
         for leaf in view.visible.leaves().take_while(|&leaf| leaf < leaf_count) {
             let record = &input.manifest.leaves[leaf as usize];
+            let share = shares.as_mut().map_or(Share::All, |shares| shares.of(leaf));
+            if share == Share::None {
+                continue;
+            }
             if !view.missing.is_empty() && view.missing.contains(leaf) {
                 match input.when_missing {
                     WhenMissing::Box => pass.boxes.push(leaf),
@@ -242,7 +254,12 @@ impl Planner {
             }
             match input.manifest.materials[record.material.0 as usize].alpha {
                 AlphaMode::Blend => self.keyed.push((distance_squared(input, record), leaf)),
-                AlphaMode::Opaque | AlphaMode::Mask { .. } => pass.opaque.push(LeafRange::new(leaf, leaf + 1)),
+                AlphaMode::Opaque | AlphaMode::Mask { .. } => {
+                    pass.opaque.push(LeafRange::new(leaf, leaf + 1));
+                    if let (Share::Some(place), Some(estimate)) = (share, view.estimate) {
+                        pass.parts.push(leaf, estimate.triangles(place));
+                    }
+                }
             }
         }
         self.keyed.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
@@ -264,6 +281,7 @@ impl PassPlan {
             projection,
             round: 0,
             opaque: VisibleSet::default(),
+            parts: Parts::default(),
             first: None,
             bounds: Vec::new(),
             look_for: VisibleSet::default(),
@@ -328,7 +346,7 @@ mod tests {
         (when_missing, missing): (WhenMissing, &VisibleSet),
     ) -> FramePlan {
         let projection = Projection { eye: DVec3::new(5.0, 0.0, 0.0), clip_from_offset: DMat4::IDENTITY };
-        let views = [ViewInput { view: ViewId(3), projection, visible, missing }];
+        let views = [ViewInput { view: ViewId(3), projection, visible, missing, estimate: None }];
         let transforms = &manifest.transforms;
         let shared_eye = DVec3::ZERO;
         planner
@@ -422,7 +440,7 @@ mod tests {
         let projection = Projection { eye: DVec3::ZERO, clip_from_offset: DMat4::IDENTITY };
         let visible = VisibleSet::all(2);
         let missing = VisibleSet::default();
-        let views = [ViewInput { view: ViewId(0), projection, visible: &visible, missing: &missing }];
+        let views = [ViewInput { view: ViewId(0), projection, visible: &visible, missing: &missing, estimate: None }];
         let mut planner = Planner::new();
         let input = FrameInput {
             views: &views,

@@ -199,6 +199,7 @@ impl Painter for GpuPainter {
                 projection: projection(spec, view.eye, &frame.world_from_room),
                 visible: drawn,
                 missing: &view.missing,
+                estimate: None,
             })
             .collect();
         let resident = |chunk| renderer.is_resident(chunk);

@@ -17,6 +17,7 @@ pub mod motion;
 pub mod node;
 pub mod occlusion;
 pub mod output;
+pub mod parts;
 pub mod plp;
 pub mod prefetch;
 pub mod protocol_node;

@@ -39,6 +39,8 @@ pub(super) struct State {
     pub pipeline: PipelineKey,
     pub texture: u32,
     pub page: u32,
+    /// Whether indices are those of parts, not the page's.
+    pub is_part: bool,
 }
 
 /// Draws `start..end` of one state.
@@ -57,6 +59,8 @@ pub(super) struct DrawList {
     pub instances: Vec<Instance>,
     pub arguments: Vec<DrawArguments>,
     pub batches: Vec<Batch>,
+    /// Indices of leaves that are not drawn whole, leaf by leaf.
+    pub part_indices: Vec<u16>,
     pub triangles: u64,
     /// Draws that are boxes in the place of leaves.
     pub stand_ins: Range<u32>,
@@ -70,6 +74,7 @@ impl DrawList {
         self.instances.clear();
         self.arguments.clear();
         self.batches.clear();
+        self.part_indices.clear();
         self.triangles = 0;
         self.stand_ins = 0..0;
         self.part = 0;
@@ -78,6 +83,14 @@ impl DrawList {
     /// What follows shares no batch with what is there.
     pub fn part(&mut self) {
         self.part = self.arguments.len() as u32;
+    }
+
+    /// Notes the indices of some triangles of a leaf: where they are, and how many.
+    pub fn part_of(&mut self, indices: &[u16], triangles: &[u16]) -> (u32, u32) {
+        let first = self.part_indices.len() as u32;
+        let corners = triangles.iter().filter_map(|number| indices.get(usize::from(*number) * 3..)?.first_chunk::<3>());
+        self.part_indices.extend(corners.flatten());
+        (first, self.part_indices.len() as u32 - first)
     }
 
     pub fn push(&mut self, state: State, instance: Instance, indices: (u32, u32), base_vertex: u32) {
@@ -99,6 +112,7 @@ pub(super) struct DrawBuffers {
     pub records: GrowingBuffer,
     pub instances: GrowingBuffer,
     pub arguments: GrowingBuffer,
+    pub part_indices: GrowingBuffer,
 }
 
 impl DrawBuffers {
@@ -108,11 +122,15 @@ impl DrawBuffers {
             records: GrowingBuffer::new(gpu, "records", Use::STORAGE),
             instances: GrowingBuffer::new(gpu, "instances", Use::VERTEX),
             arguments: GrowingBuffer::new(gpu, "draws", Use::INDIRECT | Use::STORAGE),
+            part_indices: GrowingBuffer::new(gpu, "indices of parts", Use::INDEX),
         }
     }
 
-    pub fn write(&mut self, gpu: &Gpu, list: &DrawList) -> Result<(), GpuError> {
+    pub fn write(&mut self, gpu: &Gpu, list: &mut DrawList) -> Result<(), GpuError> {
         let limits = gpu.device.limits();
+        // Buffer writes come in multiples of four bytes: two indices.
+        list.part_indices.resize(list.part_indices.len().next_multiple_of(2), 0);
+        self.part_indices.write(gpu, bytemuck::cast_slice(&list.part_indices), limits.max_buffer_size)?;
         self.records.write(gpu, bytemuck::cast_slice(&list.records), limits.max_storage_buffer_binding_size)?;
         self.instances.write(gpu, bytemuck::cast_slice(&list.instances), limits.max_buffer_size)?;
         if gpu.indirect {

@@ -41,6 +41,8 @@ pub struct Renderer {
     arena: Arena,
     /// Resident geometry, by `ChunkId`.
     geometry: Vec<Option<Slot>>,
+    /// The indices of that geometry, where parts of leaves are drawn.
+    indices: Option<Vec<Box<[u16]>>>,
     /// What boxes are drawn with.
     cube: Slot,
     pub(super) materials: Materials,
@@ -80,6 +82,7 @@ impl Renderer {
             arena,
             cube,
             geometry: vec![None; manifest.chunks.len()],
+            indices: None,
             materials,
             pipelines,
             list: DrawList::default(),
@@ -105,6 +108,9 @@ impl Renderer {
         self.mirrored.extend(added.iter().map(Transform::is_mirrored));
         self.recorded.resize(manifest.transforms.len(), (0, 0));
         self.geometry.resize(manifest.chunks.len(), None);
+        if let Some(indices) = &mut self.indices {
+            indices.resize(manifest.chunks.len(), Box::default());
+        }
         self.materials.grow(&self.gpu, &manifest);
         self.manifest = manifest;
         self.gpu.check()
@@ -121,15 +127,24 @@ impl Renderer {
         match self.manifest.chunks[chunk.0 as usize].kind() {
             Some(ChunkKind::Texture) => self.materials.insert(&self.gpu, chunk, bytes),
             Some(ChunkKind::Geometry) => {
-                let slot = match *place {
-                    Some(slot) => slot,
-                    None => upload::geometry(&self.gpu, &mut self.arena, bytes)?,
-                };
+                if let Some(slot) = *place {
+                    return Ok(slot.bytes());
+                }
+                let (slot, indices) = upload::geometry(&self.gpu, &mut self.arena, bytes)?;
                 *place = Some(slot);
+                if let Some(kept) = &mut self.indices {
+                    kept[chunk.0 as usize] = indices.into();
+                }
                 Ok(slot.bytes())
             }
             None => Err(UploadError::Unknown(chunk.0)),
         }
+    }
+
+    /// From now on plans may draw parts of leaves: the indices of chunks that come are kept, 6 bytes a triangle. Chunks that are here
+    /// already are drawn whole.
+    pub fn keep_indices(&mut self) {
+        self.indices.get_or_insert_with(|| vec![Box::default(); self.geometry.len()]);
     }
 
     /// Whether plans may test what is hidden. Where it cannot, those that begin with what was seen draw all, and those in rounds are
@@ -146,7 +161,12 @@ impl Renderer {
     /// Frees what the chunk takes on the GPU.
     pub fn evict(&mut self, chunk: ChunkId) {
         match self.geometry.get_mut(chunk.0 as usize).and_then(Option::take) {
-            Some(slot) => self.arena.remove(slot),
+            Some(slot) => {
+                self.arena.remove(slot);
+                if let Some(indices) = &mut self.indices {
+                    indices[chunk.0 as usize] = Box::default();
+                }
+            }
             None => self.materials.remove(&self.gpu, chunk),
         }
     }
@@ -234,7 +254,7 @@ impl Renderer {
 
     /// Hands what is listed to the GPU, and readies a target for it.
     pub(super) fn hand_over(&mut self, at: usize, pass: &PassPlan, is_culled: bool) -> Result<(), GpuError> {
-        self.buffers.write(&self.gpu, &self.list)?;
+        self.buffers.write(&self.gpu, &mut self.list)?;
         let (target, records) = (&mut self.targets[at], &self.buffers.records);
         target.begin(&self.gpu, is_culled);
         target.write_uniform(&self.gpu, &pass.projection);
@@ -279,7 +299,7 @@ impl Renderer {
             self.list.records.push(pass.projection.clip_from_local(&world_from_box).to_cols_array());
             let sides = if self.mirrored[object] { Sides::FrontMirrored } else { Sides::Front };
             let pipeline = PipelineKey::new(Coverage::Opaque, Surface::Plain, sides);
-            let state = State { pipeline, texture: Materials::NO_TEXTURE, page: self.cube.page };
+            let state = State { pipeline, texture: Materials::NO_TEXTURE, page: self.cube.page, is_part: false };
             let instance = self.materials.states[leaf.material.0 as usize].instance(record, number);
             self.list.push(state, instance, (self.cube.first_index, self.cube.index_count), self.cube.first_vertex);
         }
@@ -306,9 +326,12 @@ impl Renderer {
                 (false, true) => Sides::FrontMirrored,
             };
             let pipeline = PipelineKey::new(material.coverage, material.surface(), sides).in_turn(turn);
-            let state = State { pipeline, texture: material.texture, page: slot.page };
+            let part = if pass.parts.is_empty() { None } else { pass.parts.of(leaf) };
+            let kept = self.indices.as_ref().map(|indices| &indices[record.chunk.0 as usize][..]).filter(|kept| !kept.is_empty());
+            let part = part.zip(kept).map(|(triangles, indices)| self.list.part_of(indices, triangles));
+            let state = State { pipeline, texture: material.texture, page: slot.page, is_part: part.is_some() };
             let instance = material.instance(self.recorded[object].1, leaf);
-            self.list.push(state, instance, (slot.first_index, slot.index_count), slot.first_vertex);
+            self.list.push(state, instance, part.unwrap_or((slot.first_index, slot.index_count)), slot.first_vertex);
         }
     }
 
@@ -357,10 +380,13 @@ impl Renderer {
             if bound.is_none_or(|b| b.texture != state.texture) {
                 pass.set_bind_group(1, &self.materials.bindings[state.texture as usize], &[]);
             }
+            let page = self.arena.page(state.page);
             if bound.is_none_or(|b| b.page != state.page) {
-                let page = self.arena.page(state.page);
                 pass.set_vertex_buffer(0, page.vertices.slice(..));
-                pass.set_index_buffer(page.indices.slice(..), wgpu::IndexFormat::Uint16);
+            }
+            if bound.is_none_or(|b| (b.page, b.is_part) != (state.page, state.is_part)) {
+                let indices = if state.is_part { &self.buffers.part_indices.buffer } else { &page.indices };
+                pass.set_index_buffer(indices.slice(..), wgpu::IndexFormat::Uint16);
             }
             bound = Some(state);
             if self.gpu.indirect {

@@ -42,6 +42,12 @@ impl Drawn {
         self.count
     }
 
+    /// How many triangles of the leaf at `place`.
+    #[inline]
+    pub fn count_of(&self, place: u32) -> u32 {
+        self.counts[place as usize]
+    }
+
     /// The leaves of which it holds triangles, ascending: place in [`Tessellation::leaves`], and how many triangles.
     pub fn leaves(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
         (0..).zip(&self.counts).filter(|(_, count)| **count > 0).map(|(place, count)| (place, *count))

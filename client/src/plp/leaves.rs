@@ -32,6 +32,11 @@ impl Leaves {
         self.left_out[place as usize] = left_out;
     }
 
+    /// By place: which leaves are no business of the tessellation's; may be shorter.
+    pub fn left_out(&self) -> &[bool] {
+        &self.left_out
+    }
+
     #[inline]
     pub fn sight(&mut self, frame: &Frame<'_>, place: u32) -> LeafSight {
         let (number, known) = &mut self.sights[place as usize];

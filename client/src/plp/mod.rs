@@ -9,6 +9,7 @@
 //! All tiles of a wall see from one eye: one traversal over the wall's primary frustum gives one order and one cut for all of them.
 
 mod drawn;
+mod estimate;
 mod front;
 mod leaves;
 mod likelihood;
@@ -17,6 +18,7 @@ mod sight;
 mod traversal;
 
 pub use drawn::Drawn;
+pub use estimate::{Estimate, Share, Shares};
 pub use traversal::{Projected, Traversal};
 
 use glam::DVec3;

@@ -8,7 +8,7 @@ use super::leaves::Leaves;
 use super::likelihood::Likelihood;
 use super::paper::Paper;
 use super::sight::{CellSight, is_before};
-use super::{Frame, Sight, Solidity};
+use super::{Estimate, Frame, Sight, Solidity};
 
 /// What a traversal has done so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -234,6 +234,11 @@ impl Traversal {
     /// What is drawn so far.
     pub fn drawn(&self) -> &Drawn {
         &self.drawn
+    }
+
+    /// The cut: what a frame draws of each leaf. `tessellation` is that of the frame.
+    pub fn estimate<'a>(&'a self, tessellation: &'a Tessellation) -> Estimate<'a> {
+        Estimate::new(tessellation, &self.drawn, self.leaves.left_out())
     }
 
     /// The cells that were projected, first to last.

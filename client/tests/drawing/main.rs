@@ -6,5 +6,6 @@ mod culling;
 mod fixture;
 mod looks;
 mod occlusion;
+mod parts;
 mod several;
 mod unit;
