@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use mullion_client::frame::{FrameInput, PassPlan, PassResult, Planner, ViewInput};
 use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
 use mullion_client::missing::WhenMissing;
+use mullion_client::plp::Estimate;
 use mullion_common::scene::{ChunkId, Package};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId};
@@ -16,7 +17,26 @@ use mullion_common::wall::{Projection, ViewId};
 /// When the GPU fails, or a chunk cannot be read.
 pub fn upload(gpu: &Arc<Gpu>, package: &Package, targets: &[ViewTarget], attachments: Attachments) -> Result<Renderer> {
     let manifest = Arc::new(package.scene.manifest.clone());
+    with_chunks(Renderer::new(Arc::clone(gpu), manifest, targets, attachments)?, package)
+}
+
+/// The same, that can draw parts of leaves.
+///
+/// # Errors
+/// When the GPU fails, or a chunk cannot be read.
+pub fn upload_with_indices(
+    gpu: &Arc<Gpu>,
+    package: &Package,
+    targets: &[ViewTarget],
+    attachments: Attachments,
+) -> Result<Renderer> {
+    let manifest = Arc::new(package.scene.manifest.clone());
     let mut renderer = Renderer::new(Arc::clone(gpu), manifest, targets, attachments)?;
+    renderer.keep_indices();
+    with_chunks(renderer, package)
+}
+
+fn with_chunks(mut renderer: Renderer, package: &Package) -> Result<Renderer> {
     for chunk in (0..package.scene.manifest.chunks.len() as u32).map(ChunkId) {
         renderer.upload(chunk, package.chunk(chunk)).with_context(|| format!("chunk {}", chunk.0))?;
     }
@@ -46,9 +66,23 @@ pub fn draw(
     renderer: &mut Renderer,
     planner: &mut Planner,
     package: &Package,
-    (target, projection, visible): (ViewId, Projection, &VisibleSet),
+    view: (ViewId, Projection, &VisibleSet),
 ) -> Result<Drawn> {
-    let views = [ViewInput { view: target, projection, visible, missing: &VisibleSet::default(), estimate: None }];
+    draw_estimate(renderer, planner, package, view, None)
+}
+
+/// The same within an estimate.
+///
+/// # Errors
+/// When the GPU fails.
+pub fn draw_estimate(
+    renderer: &mut Renderer,
+    planner: &mut Planner,
+    package: &Package,
+    (target, projection, visible): (ViewId, Projection, &VisibleSet),
+    estimate: Option<Estimate<'_>>,
+) -> Result<Drawn> {
+    let views = [ViewInput { view: target, projection, visible, missing: &VisibleSet::default(), estimate }];
     let mut drawn = Drawn::default();
     let mut round = Some(planner.begin(FrameInput {
         views: &views,

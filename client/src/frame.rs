@@ -4,6 +4,8 @@
 //! blended ones by their distance from the eye that all tiles of the wall share. A tile drawn from its visible set
 //! is then the same picture as a tile drawn from all leaves.
 
+mod completer;
+
 use glam::DVec3;
 use mullion_common::geometry::Aabb;
 use mullion_common::scene::{AlphaMode, ChunkId, LeafRecord, SceneManifest, Transform};
@@ -17,6 +19,8 @@ use crate::occlusion::worth::Worth;
 use crate::occlusion::{Adaptive, BoxTest, Occlusion};
 use crate::parts::Parts;
 use crate::plp::{Estimate, Share};
+
+pub use completer::Completer;
 
 /// What the planner needs to know of one frame.
 pub struct FrameInput<'a> {
@@ -37,6 +41,7 @@ pub struct FrameInput<'a> {
 }
 
 /// What the planner needs to know of one view.
+#[derive(Clone, Copy)]
 #[allow(missing_docs)]
 pub struct ViewInput<'a> {
     pub view: ViewId,

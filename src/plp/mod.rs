@@ -1,5 +1,6 @@
 //! How good estimates are: drawn to budgets, and held against the exact visible set.
 
+mod drawing;
 mod item_buffer;
 
 use std::time::{Duration, Instant};
@@ -8,8 +9,9 @@ use glam::{DAffine3, DMat4, DQuat, DVec3};
 use mullion_client::plp::{Frame, Sight, Solidity, Traversal};
 use mullion_common::geometry::Frustum;
 use mullion_common::scene::{Package, Tessellation};
-use mullion_common::wall::{ViewId, Wall};
+use mullion_common::wall::{Projection, ViewId, Wall};
 
+pub use drawing::Drawing;
 use item_buffer::{ItemBuffer, ItemScene, NOTHING};
 
 /// What an estimate is compared by to the one before, 0.1 degrees away.
@@ -28,6 +30,7 @@ pub struct Judge<'a> {
 
 /// A frame as the eye sees it.
 pub struct Seen {
+    pub projection: Projection,
     frustum: Frustum,
     clip_from_world: DMat4,
     /// The slots of V, ascending.
@@ -77,7 +80,7 @@ impl<'a> Judge<'a> {
         visible.sort_unstable();
         visible.dedup();
         visible.retain(|slot| *slot != NOTHING);
-        Seen { frustum, clip_from_world, visible, items }
+        Seen { projection, frustum, clip_from_world, visible, items }
     }
 
     /// The same place, turned a little about the vertical.
@@ -87,7 +90,8 @@ impl<'a> Judge<'a> {
         DAffine3::from_translation(eye) * turn * DAffine3::from_translation(-eye) * *world_from_room
     }
 
-    fn frame<'f>(&'f self, seen: &'f Seen) -> Frame<'f> {
+    /// As a traversal is told of it.
+    pub fn frame<'f>(&'f self, seen: &'f Seen) -> Frame<'f> {
         let sight = Sight { eye: seen.frustum.eye, planes: &seen.frustum.planes, pixels_per_radian: self.pixels_per_radian };
         Frame { tessellation: self.tessellation, scene: &self.package.scene.manifest, sight }
     }
@@ -117,13 +121,19 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// The triangles that are nearest by their middles, fronts or not: the paper's basis of comparison.
-    pub fn nearest(&self, seen: &Seen, budget: u32) -> Vec<bool> {
+    /// Triangles whose middles are in the frustum and whose fronts are towards the eye, by how near their middles are: the paper's basis
+    /// of comparison.
+    pub fn nearest(&self, seen: &Seen) -> Vec<u32> {
         let in_sight = |middle: DVec3| seen.frustum.planes.iter().all(|plane| plane.distance_m(middle) >= 0.0);
         let distance = |slot: u32| (self.scene.middle(slot) - seen.frustum.eye).length_squared();
         let faces = |slot: &u32| self.scene.is_seen_from(*slot, seen.frustum.eye) && in_sight(self.scene.middle(*slot));
         let mut order: Vec<u32> = (0..self.scene.len() as u32).filter(faces).collect();
         order.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)));
+        order
+    }
+
+    /// The first of an order, as a set of slots.
+    pub fn first_of(&self, order: &[u32], budget: u32) -> Vec<bool> {
         let mut held = vec![false; self.scene.len()];
         order.iter().take(budget as usize).for_each(|slot| held[*slot as usize] = true);
         held

@@ -23,6 +23,13 @@ impl Drawn {
         self.count = 0;
     }
 
+    /// The same as another. Takes memory only where there was less.
+    pub(super) fn copy(&mut self, other: &Self) {
+        self.bits.clone_from(&other.bits);
+        self.counts.clone_from(&other.counts);
+        self.count = other.count;
+    }
+
     /// Whether the triangle is held.
     #[inline]
     pub fn holds(&self, slot: u32) -> bool {

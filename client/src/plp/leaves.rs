@@ -32,6 +32,13 @@ impl Leaves {
         self.left_out[place as usize] = left_out;
     }
 
+    /// The same leaves as elsewhere are left out.
+    pub fn leave_out_as(&mut self, left_out: &[bool]) {
+        self.left_out.clear();
+        self.left_out.extend_from_slice(left_out);
+        self.left_out.resize(self.sights.len(), false);
+    }
+
     /// By place: which leaves are no business of the tessellation's; may be shorter.
     pub fn left_out(&self) -> &[bool] {
         &self.left_out

@@ -92,6 +92,12 @@ impl Likelihood {
         self.wait(cells, id);
     }
 
+    /// Whether nothing of an open cell is left.
+    pub fn is_whole(&self, cell: CellId) -> bool {
+        let Lit { next, end, .. } = self.cells[cell.index()];
+        next == end
+    }
+
     /// Draws the class whose turn it is; whether the budget allowed all of it. The cell waits for its next class.
     pub fn draw(&mut self, cells: &mut Cells, drawn: &mut Drawn, cell: CellId, budget: u32) -> bool {
         let Lit { next, end, .. } = self.cells[cell.index()];

@@ -8,6 +8,7 @@
 //! ```
 //! All tiles of a wall see from one eye: one traversal over the wall's primary frustum gives one order and one cut for all of them.
 
+mod completion;
 mod drawn;
 mod estimate;
 mod front;
@@ -17,6 +18,7 @@ mod paper;
 mod sight;
 mod traversal;
 
+pub use completion::Completion;
 pub use drawn::Drawn;
 pub use estimate::{Estimate, Share, Shares};
 pub use traversal::{Projected, Traversal};

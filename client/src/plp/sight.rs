@@ -23,7 +23,9 @@ impl CellSight {
     pub fn set(&mut self, sight: &Sight<'_>, tessellation: &Tessellation) {
         self.eye = (sight.eye - tessellation.origin()).as_vec3();
         self.planes.clear();
-        self.planes.extend(sight.planes.iter().map(|plane| (plane.normal.as_vec3(), plane.distance_m(sight.eye) as f32)));
+        // Moved back to the eye where it is outside, as of a near plane: light comes from there, through cells.
+        let from_eye = |plane: &Plane| (plane.normal.as_vec3(), plane.distance_m(sight.eye).max(0.0) as f32);
+        self.planes.extend(sight.planes.iter().map(from_eye));
         self.pixels_per_radian = sight.pixels_per_radian;
     }
 

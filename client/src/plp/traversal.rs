@@ -236,9 +236,18 @@ impl Traversal {
         &self.drawn
     }
 
+    /// Whether all triangles of a cell that was projected are drawn.
+    pub(super) fn is_whole(&self, cell: CellId) -> bool {
+        self.unfinished != Some(cell) && (self.solidity == Solidity::Paper || self.likelihood.is_whole(cell))
+    }
+
+    pub(super) fn left_out(&self) -> &[bool] {
+        self.leaves.left_out()
+    }
+
     /// The cut: what a frame draws of each leaf. `tessellation` is that of the frame.
     pub fn estimate<'a>(&'a self, tessellation: &'a Tessellation) -> Estimate<'a> {
-        Estimate::new(tessellation, &self.drawn, self.leaves.left_out())
+        Estimate::new(tessellation, &self.drawn, self.left_out())
     }
 
     /// The cells that were projected, first to last.
