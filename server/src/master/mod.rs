@@ -86,6 +86,8 @@ pub struct MasterOptions {
     pub frames: Option<u64>,
     /// What tiles fetch before they draw: of what the show began with, and of each insertion.
     pub sections: Vec<SectionRef>,
+    /// The tessellation of what the show began with, where that has one.
+    pub tessellation: Option<SectionRef>,
     /// What the scene has grown by under masters before.
     pub insertions: Vec<Insertion>,
     /// What hardly contributes is drawn on no tile; `None`: all that is seen is drawn.
@@ -389,7 +391,7 @@ impl Master {
         let Some(connection) = &mut state.connection else { return };
         connection.heard = now;
         match message {
-            ToMaster::Ready { frame, shown } => match self.barrier.ready(node, frame, now) {
+            ToMaster::Ready { frame, shown, .. } => match self.barrier.ready(node, frame, now) {
                 Some(show_now) => {
                     self.outputs.extend(shown.map(|shown| Output::Shown { node, shown }));
                     connection.acked = connection.acked.max(Some(frame));

@@ -174,6 +174,10 @@ pub enum ServiceError {
         "scene: its section {kind:?} has {length} bytes; nodes take at most {MAX_TILE_SECTION_BYTES}: prepare it with fewer, larger leaves"
     )]
     SectionTooLarge { kind: SectionKind, length: u64 },
+    #[error(
+        "scene: its tessellation has {length} bytes; nodes take at most {MAX_TILE_SECTION_BYTES}: prepare it with a larger --plp-leaf"
+    )]
+    TessellationTooLarge { length: u64 },
     #[error("rate: {0} frames a second; it must be more than 0")]
     Rate(f64),
     #[error("adaptive: {0} of the wall; it must be more than 0, and at most 1")]
@@ -355,6 +359,7 @@ impl Service {
             first_frame: inherited.as_ref().map_or(0, |inherited| inherited.course.number + 1),
             frames: show.options.frames,
             sections: grown.sections().to_vec(),
+            tessellation: grown.tessellation(),
             insertions: grown.insertions().to_vec(),
             adaptive: show.options.adaptive.map(|threshold| Adaptive { threshold, objects: grown.object_leaves() }),
             session_seed,
