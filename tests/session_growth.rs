@@ -103,6 +103,7 @@ impl Growing {
             first_frame: 0,
             frames: None,
             sections: sections(&base, SceneSize::default(), &mut blobs).into(),
+            tessellation: None,
             insertions: vec![],
             adaptive: None,
             session_seed: [7; 32],
@@ -244,6 +245,7 @@ impl Growing {
                     n.uploaded.clear();
                     n.scene = Some(manifest);
                 }
+                Action::TakeTessellation(_) => panic!("there is none"),
                 Action::GrowScene(manifest) => {
                     let before = n.scene.replace(Arc::clone(&manifest)).expect("a scene that grows");
                     assert_eq!(manifest.leaves[..before.leaves.len()], before.leaves[..]);

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use std::{io, thread};
 
 use futures_util::StreamExt;
-use mullion_common::scene::{ChunkHash, ChunkId, SceneManifest};
+use mullion_common::scene::{ChunkHash, ChunkId, SceneManifest, Tessellation};
 use mullion_common::wire::{
     ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved, ObjectCount,
     Opening, Part, SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want,
@@ -35,6 +35,14 @@ pub trait Painter {
     /// # Errors
     /// See [`PaintError`].
     fn open_scene(&mut self, manifest: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError>;
+    /// The tessellation of the scene that was just opened, for estimates of what is visible; it stays when the scene grows. Who needs none does
+    /// nothing.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn take_tessellation(&mut self, _tessellation: &Arc<Tessellation>) -> Result<(), PaintError> {
+        Ok(())
+    }
     /// The scene has more objects, leaves, materials and chunks, behind those that it had: what was taken and told stays.
     ///
     /// # Errors
@@ -337,6 +345,7 @@ impl Easel<'_> {
                     }
                 }
                 Action::OpenScene(manifest, views) => self.painter.open_scene(&manifest, &views)?,
+                Action::TakeTessellation(tessellation) => self.painter.take_tessellation(&tessellation)?,
                 Action::GrowScene(manifest) => self.painter.grow_scene(&manifest)?,
                 Action::Upload { chunk, bytes } => {
                     let taken = self.painter.upload(chunk, &bytes)?;

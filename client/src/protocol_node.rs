@@ -167,7 +167,11 @@ impl<F: FnMut(Step<'_>)> Node<F> {
                     return Err(End::Lost(bye.to_string()));
                 }
                 // Of the scene, nothing is fetched, and nothing counted.
-                Action::Count(..) | Action::Fetch(_) | Action::OpenScene(..) | Action::GrowScene(_) => {}
+                Action::Count(..)
+                | Action::Fetch(_)
+                | Action::OpenScene(..)
+                | Action::TakeTessellation(_)
+                | Action::GrowScene(_) => {}
                 Action::Upload { .. } | Action::Evict(_) | Action::SetTransform(_) => {}
             }
         }

@@ -37,7 +37,7 @@ fn caps_are_those_that_are_written_down() {
     assert_eq!((MAX_CHUNK_REQUEST_BYTES, MAX_PIECE_BYTES, MAX_CHUNK_REPLY_BYTES), (16_384, 262_144, 262_208));
     assert_eq!((MAX_NAME_BYTES, MAX_CREDENTIALS_BYTES, MAX_CACHED, MAX_REASON_BYTES), (64, 512, 8, 512));
     assert_eq!((MAX_VIEWS, MAX_WALL_VIEWS, MAX_PARTS, MAX_SECTIONS, MAX_WANTED), (2048, 65_536, 1024, 4096, 256));
-    assert_eq!((MAX_TILE_SECTION_BYTES, BASE_WINDOW), (1_073_741_824, 8));
+    assert_eq!((MAX_TILE_SECTION_BYTES, MAX_PRIMARY_PLANES, BASE_WINDOW), (1_073_741_824, 8, 8));
     assert_eq!((OPENING_LIMIT.as_secs(), SILENCE_LIMIT.as_secs(), ALIVE_EVERY.as_secs()), (5, 10, 1));
 }
 
@@ -159,18 +159,25 @@ fn a_welcome_keeps_to_its_caps() {
 #[test]
 fn a_manifest_keeps_to_its_caps() {
     let section = |length| SectionRef { kind: SectionKind::Leaves, hash: HASH, length };
-    let fits = ToTile::Manifest(Manifest { epoch: 1, sections: vec![section(MAX_TILE_SECTION_BYTES); MAX_SECTIONS] });
+    let tessellation = SectionRef { kind: SectionKind::Tessellation, ..section(MAX_TILE_SECTION_BYTES) };
+    let sections = vec![section(MAX_TILE_SECTION_BYTES); MAX_SECTIONS];
+    let fits = ToTile::Manifest(Manifest { epoch: 1, sections, tessellation: Some(tessellation) });
     assert_eq!(tile(&fits), Ok(fits.clone()));
-    let answer = |sections| {
-        let bad = Manifest { epoch: 1, sections };
+    let answer_to = |sections, tessellation| {
+        let bad = Manifest { epoch: 1, sections, tessellation };
         let answer = unchecked(&fits, &bad);
         assert_eq!(ToTile::Manifest(bad).encode(&mut Vec::new()).err().as_ref(), answer.as_ref().err(), "both sides agree");
         answer
     };
+    let answer = |sections| answer_to(sections, None);
     let many = answer(vec![section(1); MAX_SECTIONS + 1]);
     assert_eq!(many, Err(WireError::Limit { what: "sections", value: 4097, cap: 4096 }));
     let large = answer(vec![section(1), section(MAX_TILE_SECTION_BYTES + 1)]);
-    assert_eq!(large, Err(WireError::Limit { what: "bytes of a section", value: 1_073_741_825, cap: 1_073_741_824 }));
+    let too_large = Err(WireError::Limit { what: "bytes of a section", value: 1_073_741_825, cap: 1_073_741_824 });
+    assert_eq!(large, too_large);
+    let longer = SectionRef { length: MAX_TILE_SECTION_BYTES + 1, ..tessellation };
+    assert_eq!(answer_to(vec![], Some(longer)), too_large);
+    assert_eq!(answer_to(vec![], Some(section(1))), Err(WireError::Bulk { what: "tessellation" }), "it is leaves");
 }
 
 #[test]

@@ -55,6 +55,7 @@ impl Show {
             first_frame: 0,
             frames: None,
             sections: part(0).into(),
+            tessellation: None,
             insertions: vec![],
             adaptive: None,
             session_seed: [1; 32],
@@ -112,7 +113,7 @@ impl Show {
         self.next += 1;
         let mut outputs = self.take();
         for peer in ready {
-            outputs.extend(self.say(*peer, ToMaster::Ready { frame, shown: None }));
+            outputs.extend(self.say(*peer, ToMaster::Ready { frame, draw_us: 0, shown: None }));
         }
         // Over, whoever is ready.
         self.master.handle_timeout(self.now + Duration::from_millis(8));
@@ -150,7 +151,7 @@ fn growing() -> Show {
     show.frame(&[A, B]);
     show.grow(1).unwrap();
     let outputs = show.take();
-    let whole = Manifest { epoch: 2, sections: [part(0), part(1)].concat() };
+    let whole = Manifest { epoch: 2, sections: [part(0), part(1)].concat(), tessellation: None };
     for peer in [A, B] {
         assert_eq!(sent(&outputs, peer), [ToTile::Manifest(whole.clone())]);
     }
@@ -194,7 +195,7 @@ fn a_node_that_is_never_prepared_is_passed_by_and_costs_nobody_a_wait() {
         let old = show.next - 3;
         show.frame(&[A]);
         assert!(show.released_at_once() && show.passed_over().is_empty());
-        show.say(B, ToMaster::Ready { frame: old, shown: None });
+        show.say(B, ToMaster::Ready { frame: old, draw_us: 0, shown: None });
         assert_eq!(show.master.standing(NodeIndex(1)), Standing::Trying);
     }
     show.say(B, ToMaster::Prepared { epoch: 2 });

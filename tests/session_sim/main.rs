@@ -196,6 +196,7 @@ impl Sim {
             first_frame: 0,
             frames: None,
             sections,
+            tessellation: None,
             insertions: vec![],
             adaptive,
             session_seed: [7; 32],
@@ -523,6 +524,7 @@ impl Sim {
                 n.scene = Some(manifest);
                 n.uploaded.clear();
             }
+            Action::TakeTessellation(_) => panic!("this scene has none"),
             Action::GrowScene(_) => panic!("this scene does not grow"),
             Action::Upload { chunk, bytes } => {
                 assert_eq!(bytes, self.package.chunk(chunk));

@@ -17,12 +17,12 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
-use mullion_common::scene::{ChunkHash, ChunkId, ObjectId, PackageError, SceneManifest, Transform};
+use mullion_common::scene::{ChunkHash, ChunkId, ObjectId, PackageError, SceneManifest, Tessellation, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::{
-    BASE_WINDOW, Budget, Bye, ByeCode, Frame, Hello, MAX_PARTS, MAX_WANTED, Manifest, Moved, Part, SectionRef, Shown, Stats,
-    ToMaster, ToTile, ViewSpec, Welcome,
+    BASE_WINDOW, Budget, Bye, ByeCode, Estimate, Frame, Hello, MAX_PARTS, MAX_WANTED, Manifest, Moved, Part, SectionRef, Shown,
+    Stats, ToMaster, ToTile, ViewSpec, Welcome,
 };
 
 use crate::missing::WhenMissing;
@@ -77,6 +77,8 @@ pub struct FrameToDraw {
     pub views: Vec<ViewToDraw>,
     /// Leaves that no view of the wall draws, though some see them: their objects hardly contribute.
     pub dropped: VisibleSet,
+    /// To which budget an estimate of what is visible is drawn, from the shared eye; `None`: all that is seen is drawn.
+    pub estimate: Option<Estimate>,
     /// What to do with leaves that are missing.
     pub when_missing: WhenMissing,
 }
@@ -101,6 +103,8 @@ pub enum Action {
     Fetch(Vec<(ChunkHash, u64)>),
     /// A new scene or new views: forget all chunks.
     OpenScene(Arc<SceneManifest>, Arc<[ViewSpec]>),
+    /// The tessellation of the scene that was just opened, which a scene without one lacks. It stays when the scene grows.
+    TakeTessellation(Arc<Tessellation>),
     /// The scene has more: what it had keeps its numbers, and chunks stay.
     GrowScene(Arc<SceneManifest>),
     /// Take a chunk's bytes, whose hash is right.
@@ -165,6 +169,8 @@ pub struct TileSession {
     announced: VecDeque<Announced>,
     /// The parts of the newest one's scene.
     parts: Vec<[SectionRef; 4]>,
+    /// Of the scene that the show began with.
+    tessellation: Option<SectionRef>,
     sections: Option<Sections>,
     scene: Option<OpenScene>,
     growth: Growth,
@@ -211,6 +217,7 @@ impl TileSession {
             views_changed: true,
             announced: VecDeque::new(),
             parts: Vec::new(),
+            tessellation: None,
             sections: None,
             scene: None,
             growth: Growth::default(),
@@ -262,7 +269,8 @@ impl TileSession {
         // What the painter holds must stay what this session believes it holds.
         use Action as A;
         let is_kept = |action: &A| {
-            matches!(action, A::OpenScene(..) | A::GrowScene(_) | A::Upload { .. } | A::Evict(_) | A::SetTransform(_))
+            matches!(action, A::OpenScene(..) | A::TakeTessellation(_) | A::GrowScene(_))
+                || matches!(action, A::Upload { .. } | A::Evict(_) | A::SetTransform(_))
         };
         self.actions.retain(is_kept);
         self.forget_growth();
@@ -346,7 +354,7 @@ impl TileSession {
         self.behind = u32::from(self.pending.is_some());
         self.last_stats = stats;
         let shown = self.shown_at.take();
-        self.actions.push_back(Action::Send(ToMaster::Ready { frame, shown }));
+        self.actions.push_back(Action::Send(ToMaster::Ready { frame, draw_us: stats.draw_us, shown }));
         self.plan();
     }
 
@@ -438,11 +446,20 @@ impl TileSession {
         if dropped.digest() != frame.dropped_digest {
             return Err(format!("frame {}: what is dropped is not what the master says", frame.number));
         }
-        let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, .. } = frame;
+        let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, estimate, .. } = frame;
         let when_missing = self.when_missing;
         self.behind = self.behind.saturating_sub(1);
-        self.pending =
-            Some(FrameToDraw { number, epoch, scene_time_s, world_from_room, shared_eye, views, dropped, when_missing });
+        self.pending = Some(FrameToDraw {
+            number,
+            epoch,
+            scene_time_s,
+            world_from_room,
+            shared_eye,
+            views,
+            dropped,
+            estimate,
+            when_missing,
+        });
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));
         self.plan();
         Ok(())

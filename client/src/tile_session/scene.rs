@@ -14,7 +14,7 @@ const MAX_LEAVES_LOOKED_AT: u32 = 1 << 16;
 
 /// Sections asked for at once, at most, so that they and all chunks stay below [`MAX_WANTED`].
 const SECTIONS_WINDOW: usize = 128;
-const _: () = assert!(SECTIONS_WINDOW + 4 + FETCH_WINDOW + PREFETCH_WINDOW < MAX_WANTED, "all may be on their way");
+const _: () = assert!(SECTIONS_WINDOW + 4 + 1 + FETCH_WINDOW + PREFETCH_WINDOW < MAX_WANTED, "all may be on their way");
 
 /// A scene that is being drawn.
 #[derive(Debug)]
@@ -22,6 +22,7 @@ pub(super) struct OpenScene {
     pub manifest: Arc<SceneManifest>,
     /// The sections that it came from.
     pub parts: Vec<[SectionRef; 4]>,
+    pub tessellation: Option<SectionRef>,
     pub transforms: Vec<Transform>,
     pub residency: Residency,
     pub prefetch: Prefetch,
@@ -44,6 +45,8 @@ type PartOnTheWay = ([SectionRef; 4], [Option<Vec<u8>>; 4]);
 #[derive(Debug, Default)]
 pub(super) struct Sections {
     parts: Vec<PartOnTheWay>,
+    /// Where the scene is not open yet: its tessellation, and what has come of it.
+    tessellation: Option<(SectionRef, Option<Vec<u8>>)>,
 }
 
 /// What is fetched of a scene that has grown before its epoch begins.
@@ -60,7 +63,10 @@ pub(super) struct Growth {
 
 impl TileSession {
     pub(super) fn take_manifest(&mut self, manifest: &Manifest) -> Result<(), String> {
-        let parts = if self.needs == Needs::Nothing { Vec::new() } else { manifest.parts()? };
+        let (parts, tessellation) = match self.needs {
+            Needs::Scene => (manifest.parts()?, manifest.tessellation),
+            Needs::Nothing => (Vec::new(), None),
+        };
         let announced = Announced { epoch: manifest.epoch, parts: parts.len() };
         match self.announced.back() {
             None => {
@@ -68,14 +74,23 @@ impl TileSession {
                 self.lack.frame = None;
                 self.acknowledged.clear();
                 self.moved_early.clear();
-                let is_known = self.scene.as_ref().is_some_and(|scene| parts.starts_with(&scene.parts)) && !self.views_changed;
-                if is_known { self.put_back() } else { self.scene = None }
+                let is_of = |scene: &OpenScene| parts.starts_with(&scene.parts) && scene.tessellation == tessellation;
+                let is_known = self.scene.as_ref().is_some_and(is_of) && !self.views_changed;
+                if is_known {
+                    self.put_back()
+                } else {
+                    self.scene = None
+                }
+                self.tessellation = tessellation;
             }
             Some(before) => {
                 let goes_on = before.epoch.checked_add(1) == Some(manifest.epoch) && self.announced.len() < MAX_PARTS;
                 let grows = self.needs == Needs::Nothing || parts.len() > self.parts.len() && parts.starts_with(&self.parts);
                 if !goes_on || !grows {
                     return Err(format!("the scene of epoch {} is not that of epoch {} and more", manifest.epoch, before.epoch));
+                }
+                if tessellation != self.tessellation {
+                    return Err(format!("epoch {} has another tessellation than epoch {}", manifest.epoch, before.epoch));
                 }
                 self.growth.owed = Some(manifest.epoch);
             }
@@ -128,6 +143,15 @@ impl TileSession {
                 }
             }
         }
+        if self.scene.is_none()
+            && sections.tessellation.is_none()
+            && let Some(section) = self.tessellation
+        {
+            sections.tessellation = Some((section, None));
+            if !self.on_the_way.holds(&section.hash) {
+                fetch.push((section.hash, section.length));
+            }
+        }
         if sections.parts.is_empty() {
             self.sections = None;
         }
@@ -164,9 +188,11 @@ impl TileSession {
         let mut manifest = SceneManifest::default();
         sections.join_to(&mut manifest)?;
         let manifest = Arc::new(manifest);
+        let tessellation = sections.tessellation(&manifest)?;
         self.views_changed = false;
         let mut scene = OpenScene {
             parts: sections.refs().collect(),
+            tessellation: self.tessellation,
             transforms: manifest.transforms.clone(),
             residency: Residency::new(manifest.chunks.len(), self.memory_bytes),
             prefetch: Prefetch::new(manifest.chunks.len()),
@@ -176,6 +202,7 @@ impl TileSession {
         scene.sort_chunks();
         self.scene = Some(scene);
         self.actions.push_back(Action::OpenScene(manifest, Arc::clone(&self.views)));
+        self.actions.extend(tessellation.map(Action::TakeTessellation));
         Ok(())
     }
 
@@ -249,16 +276,27 @@ impl Sections {
                 is_taken = true;
             }
         }
+        if let Some((_, place)) = self.tessellation.as_mut().filter(|(section, _)| section.hash == hash) {
+            *place = Some(bytes.to_vec());
+            is_taken = true;
+        }
         is_taken
     }
 
     /// How many have not come.
     fn missing(&self) -> usize {
-        self.parts.iter().flat_map(|(_, bytes)| bytes).filter(|bytes| bytes.is_none()).count()
+        let tessellation = self.tessellation.iter().map(|(_, bytes)| bytes);
+        self.parts.iter().flat_map(|(_, bytes)| bytes).chain(tessellation).filter(|bytes| bytes.is_none()).count()
     }
 
     fn refs(&self) -> impl Iterator<Item = [SectionRef; 4]> {
         self.parts.iter().map(|(refs, _)| *refs)
+    }
+
+    /// Checked against the scene that it is of, or that it has become.
+    fn tessellation(&self, manifest: &SceneManifest) -> Result<Option<Arc<Tessellation>>, PackageError> {
+        let bytes = self.tessellation.as_ref().and_then(|(_, bytes)| bytes.as_deref());
+        Ok(bytes.map(|bytes| Tessellation::decode(bytes, manifest)).transpose()?.map(Arc::new))
     }
 
     fn join_to(&self, manifest: &mut SceneManifest) -> Result<(), PackageError> {

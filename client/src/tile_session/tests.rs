@@ -9,6 +9,8 @@ use mullion_common::wire::{Counted, FrameView, ObjectCount, PROTOCOL_VERSION};
 
 use super::*;
 
+mod tessellation;
+
 fn scene() -> Scene {
     let blob = |i: u8| vec![i; 10];
     let chunks = (0..3).map(|i| ChunkRecord::new(ChunkHash::of(&blob(i)), 0, 10, ChunkKind::Geometry)).collect();
@@ -62,7 +64,7 @@ fn manifest() -> ToTile {
         let bytes = section(kind);
         SectionRef { kind, hash: ChunkHash::of(&bytes), length: bytes.len() as u64 }
     });
-    ToTile::Manifest(Manifest { epoch: 1, sections: sections.into() })
+    ToTile::Manifest(Manifest { epoch: 1, sections: sections.into(), tessellation: None })
 }
 
 fn frame(number: u64, base: Option<u64>, added: &[(u32, u32)]) -> ToTile {
@@ -122,7 +124,7 @@ fn drawn() -> TileSession {
     (0..3).for_each(|i| give(&mut session, i));
     assert!(matches!(actions(&mut session).last(), Some(Action::Draw(frame)) if frame.number == 0));
     session.drawn(0, DrawStats::default());
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, shown: None })]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, shown: None })]);
     session
 }
 
@@ -164,14 +166,18 @@ fn a_node_that_is_late_shows_what_it_drew_before_it_draws_on() {
     assert!(matches!(&actions(&mut session)[..], [Action::Draw(_)]));
     session.handle_message(frame(2, Some(0), &[]));
     session.drawn(1, DrawStats::default());
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 1, shown: None })], "frame 2 waits for the answer");
+    assert_eq!(
+        actions(&mut session),
+        [Action::Send(ToMaster::Ready { frame: 1, draw_us: 0, shown: None })],
+        "frame 2 waits for the answer"
+    );
     session.handle_message(ToTile::Swap { frame: 1 });
     let got = actions(&mut session);
     assert!(matches!(&got[..], [Action::Show { frame: 1 }, Action::Draw(frame)] if frame.number == 2), "{got:?}");
 
     session.handle_message(frame(3, Some(0), &[]));
     session.drawn(2, DrawStats::default());
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 2, shown: None })]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 2, draw_us: 0, shown: None })]);
     session.handle_message(frame(4, Some(0), &[]));
     assert!(matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.number == 4), "no answer came: it goes on");
 }
@@ -184,13 +190,17 @@ fn frames_that_came_while_one_was_drawn_are_no_answer() {
     session.drawn_behind(1, DrawStats::default(), 2);
     session.handle_message(frame(2, Some(0), &[]));
     session.handle_message(frame(3, Some(0), &[]));
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 1, shown: None })], "they wait for the answer");
+    assert_eq!(
+        actions(&mut session),
+        [Action::Send(ToMaster::Ready { frame: 1, draw_us: 0, shown: None })],
+        "they wait for the answer"
+    );
     session.handle_message(ToTile::Swap { frame: 1 });
     let got = actions(&mut session);
     assert!(matches!(&got[..], [Action::Show { frame: 1 }, Action::Draw(frame)] if frame.number == 3), "{got:?}");
     session.drawn_behind(3, DrawStats::default(), 1);
     session.handle_message(frame(4, Some(0), &[]));
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 3, shown: None })]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 3, draw_us: 0, shown: None })]);
     session.handle_message(frame(5, Some(0), &[]));
     assert!(matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.number == 5), "no answer came: it goes on");
 }
@@ -222,7 +232,10 @@ fn a_frame_is_shown_though_the_connection_before_had_one_of_its_number() {
     assert!(matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.number == 0));
     session.drawn(0, DrawStats::default());
     session.handle_message(ToTile::Swap { frame: 0 });
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, shown: None }), Action::Show { frame: 0 }]);
+    assert_eq!(
+        actions(&mut session),
+        [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, shown: None }), Action::Show { frame: 0 }]
+    );
 }
 
 #[test]
@@ -280,13 +293,16 @@ fn without_a_scene_every_frame_is_ready_at_once_and_told_when_it_was_shown() {
     session.drawn(0, DrawStats::default());
     session.handle_message(ToTile::Swap { frame: 0 });
     session.note_shown(7, 1); // never shown
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, shown: None }), Action::Show { frame: 0 }]);
+    assert_eq!(
+        actions(&mut session),
+        [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, shown: None }), Action::Show { frame: 0 }]
+    );
     session.note_shown(0, 1234);
     session.handle_message(frame(1, Some(0), &[(3, 5)]));
     assert_eq!(actions(&mut session).len(), 1);
     session.drawn(1, DrawStats::default());
     let shown = Some(Shown { frame: 0, at_us: 1234 });
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 1, shown })]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 1, draw_us: 0, shown })]);
 }
 
 #[test]
@@ -322,7 +338,7 @@ fn a_frame_that_need_not_wait_is_drawn_at_once_and_names_what_is_missing() {
             if blobs.len() == 2 && frame.when_missing == when_missing && frame.views[0].leaves.len() == 2));
         assert_eq!(missing_in(got.last()), [0, 2]);
         session.drawn(0, DrawStats::default());
-        assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, shown: None })]);
+        assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, shown: None })]);
         // The next frame shows what has come; it stands on the whole set of the one before.
         give(&mut session, 2);
         assert!(matches!(&actions(&mut session)[..], [Action::Upload { chunk: ChunkId(2), .. }]), "nothing is drawn twice");
@@ -435,7 +451,7 @@ fn grown_manifest(epoch: u32) -> ToTile {
         hash: ChunkHash::of(&bytes),
         length: bytes.len() as u64,
     }));
-    ToTile::Manifest(Manifest { epoch, sections })
+    ToTile::Manifest(Manifest { epoch, sections, tessellation: None })
 }
 
 #[test]
@@ -457,7 +473,7 @@ fn a_scene_of_many_parts_is_asked_for_in_portions() {
     let mut session = TileSession::new("t0x0", None, 1 << 20, WhenMissing::Hold);
     session.connected();
     session.handle_message(welcome());
-    session.handle_message(ToTile::Manifest(Manifest { epoch: 1, sections }));
+    session.handle_message(ToTile::Manifest(Manifest { epoch: 1, sections, tessellation: None }));
     let (mut wanted, mut opened) = (VecDeque::new(), None);
     loop {
         for action in actions(&mut session) {
@@ -575,7 +591,7 @@ fn a_scene_that_does_not_begin_with_the_one_before_ends_the_connection() {
     for bad in [grown_manifest(3), manifest(), {
         let ToTile::Manifest(Manifest { mut sections, .. }) = grown_manifest(2) else { unreachable!("a manifest") };
         sections.rotate_left(4);
-        ToTile::Manifest(Manifest { epoch: 2, sections })
+        ToTile::Manifest(Manifest { epoch: 2, sections, tessellation: None })
     }] {
         let mut session = drawn_with_room();
         session.handle_message(bad);

@@ -2,7 +2,7 @@
 //!
 //! A scene has parts: the one that a show began with, and one for each time that it grew. A part has one section of each kind in
 //! [`SectionKind::FOR_TILES`]; sections of one kind are joined in the order in which they are named. What is in one part keeps its
-//! numbers when another comes.
+//! numbers when another comes. A tessellation is of the first part, and holds for the scene that it has become.
 
 use serde::{Deserialize, Serialize};
 
@@ -28,17 +28,19 @@ pub struct Manifest {
     /// What to fetch before anything can be drawn. On one connection, each manifest begins with the sections of the one before.
     #[serde(deserialize_with = "codec::list")]
     pub sections: Vec<SectionRef>,
+    /// The tessellation of the scene that the show began with, where it has one; the same in all manifests of a connection.
+    pub tessellation: Option<SectionRef>,
 }
 
 impl Manifest {
     pub(super) fn check(&self) -> Result<(), WireError> {
         within("sections", self.sections.len(), MAX_SECTIONS)?;
-        let longest = self.sections.iter().map(|s| s.length).max().unwrap_or(0);
-        if longest <= MAX_TILE_SECTION_BYTES {
-            Ok(())
-        } else {
-            Err(WireError::Limit { what: "bytes of a section", value: longest, cap: MAX_TILE_SECTION_BYTES })
+        let longest = self.sections.iter().chain(&self.tessellation).map(|s| s.length).max().unwrap_or(0);
+        if longest > MAX_TILE_SECTION_BYTES {
+            return Err(WireError::Limit { what: "bytes of a section", value: longest, cap: MAX_TILE_SECTION_BYTES });
         }
+        let is_one = self.tessellation.is_none_or(|section| section.kind == SectionKind::Tessellation);
+        if is_one { Ok(()) } else { Err(WireError::Bulk { what: "tessellation" }) }
     }
 
     /// The sections of each part, in the order of [`SectionKind::FOR_TILES`].

@@ -20,11 +20,11 @@
 //! |---|---|---|---|
 //! | 1 | [`Hello`] | node, control | magic `MULL`, version u32, node string, part u32 ([`Part`]), credentials `Option<bytes>`, cached list of hashes |
 //! | 2 | [`ChunkHello`] | node, chunks | magic `MULL`, version u32, session u64 |
-//! | 3 | Ready | node, control | frame u64, [`Shown`] as an `Option` |
+//! | 3 | Ready | node, control | frame u64, draw_us u32, [`Shown`] as an `Option` |
 //! | 4 | [`Stats`] | node, control | the fields of [`Stats`] |
 //! | 5 | [`Bye`] | either, both | code u32, reason string; the same in every version |
 //! | 6 | [`Welcome`] | master, control | the fields of [`Welcome`] |
-//! | 7 | [`Manifest`] | master, control | epoch u32, list of (section kind u32, hash 32 bytes, length u64) |
+//! | 7 | [`Manifest`] | master, control | epoch u32, list of (section kind u32, hash 32 bytes, length u64), the tessellation as an `Option` of the same |
 //! | 8 | [`Frame`] | master, control | see [`Frame`] |
 //! | 9 | Swap | master, control | frame u64 |
 //! | 10 | Alive | master, control | nothing; sent where nothing else was for a second |
@@ -64,9 +64,15 @@
 //! Where [`Welcome::count_every`] is not 0, a node counts, every so many frames, how much of the boxes of some objects that it sees is visible,
 //! and says `Counted`. The master sums that up over the wall and names with each frame what is not to be drawn though tiles see it, the
 //! same for all nodes. Visible sets stay what they are.
+//!
+//! # To a budget
+//! A frame may say how many triangles the wall spends on an estimate of what is visible ([`Estimate`]). All nodes get the same order: each
+//! finds the same estimate from the tessellation that the manifest names, and draws what its views see of it. `Ready` says how long drawing
+//! took, from which the master learns how many triangles a wall has time for.
 
 pub mod codec;
 mod counted;
+mod estimate;
 mod frame;
 mod manifest;
 mod message;
@@ -80,6 +86,7 @@ use thiserror::Error;
 
 pub use codec::CodecError;
 pub use counted::{Counted, ObjectCount};
+pub use estimate::Estimate;
 pub use frame::{Budget, Frame, FrameView, Moved};
 pub use manifest::{Manifest, SectionRef};
 pub use message::{Bye, ByeCode, ChunkReply, Piece, Ping, Pong, Shown, Stats, ToMaster, ToTile, ViewSpec, Want, Welcome};
@@ -89,7 +96,7 @@ pub use standby::{Course, Insertion, Insertions, RivalHello, StandbyHello, Steer
 use crate::scene::{MAX_CHUNK_BYTES, SectionKind};
 
 /// Version of the protocol. Master and nodes speak only their own.
-pub const PROTOCOL_VERSION: u32 = 6;
+pub const PROTOCOL_VERSION: u32 = 7;
 /// First bytes of a greeting, after its tag.
 pub const MAGIC: [u8; 4] = *b"MULL";
 
@@ -134,6 +141,8 @@ pub const MAX_WANTED: usize = 256;
 pub const MAX_COUNTED: usize = 256;
 /// Most ranges of leaves that are dropped.
 pub const MAX_DROPPED_RANGES: usize = 1 << 16;
+/// Most planes of the primary frustum that a frame names.
+pub const MAX_PRIMARY_PLANES: usize = 8;
 /// How many frames back a base may lie.
 pub const BASE_WINDOW: usize = 8;
 /// How long the other side may say nothing before it counts as gone.

@@ -5,6 +5,7 @@ use glam::{DAffine3, DVec3};
 use proptest::prelude::*;
 
 use super::*;
+use crate::geometry::Plane;
 use crate::scene::{ChunkHash, ObjectId, Presence, SectionKind, Transform};
 use crate::visible_set::{LeafRange, VisibleDelta, VisibleSet};
 use crate::wall::{Eye, ObserverId, TileId, ViewId};
@@ -75,7 +76,8 @@ fn welcome() -> ToTile {
 
 fn manifest() -> ToTile {
     let section = SectionRef { kind: SectionKind::Leaves, hash: ChunkHash([0xcd; 32]), length: 40 };
-    ToTile::Manifest(Manifest { epoch: 1, sections: vec![section] })
+    let tessellation = SectionRef { kind: SectionKind::Tessellation, hash: ChunkHash([0xef; 32]), length: 56 };
+    ToTile::Manifest(Manifest { epoch: 1, sections: vec![section], tessellation: Some(tessellation) })
 }
 
 fn set(ranges: &[(u32, u32)]) -> VisibleSet {
@@ -98,8 +100,18 @@ fn frame() -> Frame {
         }],
         dropped: VisibleDelta { removed: set(&[(2, 4)]), added: set(&[(6, 7)]) },
         dropped_digest: 0x0304,
+        estimate: Some(Estimate {
+            triangles: 258,
+            is_complete: true,
+            pixels_per_radian: 2.5,
+            planes: vec![Plane { normal: DVec3::new(0.0, 1.0, 0.0), offset_m: 4.0 }],
+        }),
         moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
     }
+}
+
+fn ready() -> ToMaster {
+    ToMaster::Ready { frame: 258, draw_us: 3, shown: Some(Shown { frame: 257, at_us: 7 }) }
 }
 
 fn counted() -> ToMaster {
@@ -130,7 +142,7 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("hello", bytes(|out| hello().encode(out))),
         ("chunk hello", bytes(|out| Opening::Chunks(ChunkHello { session: 0x0102 }).encode(out))),
-        ("ready", bytes(|out| ToMaster::Ready { frame: 258, shown: Some(Shown { frame: 257, at_us: 7 }) }.encode(out))),
+        ("ready", bytes(|out| ready().encode(out))),
         ("stats", bytes(|out| ToMaster::Stats(stats).encode(out))),
         ("bye to master", bytes(|out| ToMaster::Bye(bye.clone()).encode(out))),
         ("welcome", bytes(|out| welcome().encode(out))),
@@ -161,31 +173,40 @@ fn golden_bytes() {
     let golden = [
         (
             "hello",
-            format!("01 4d554c4c06000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
+            format!("01 4d554c4c07000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
         ),
-        ("chunk hello", "02 4d554c4c06000000 0201000000000000".into()),
-        ("ready", "03 0201000000000000 01 0101000000000000 0700000000000000".into()),
+        ("chunk hello", "02 4d554c4c07000000 0201000000000000".into()),
+        ("ready", "03 0201000000000000 03000000 01 0101000000000000 0700000000000000".into()),
         ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
         ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
         (
             "welcome",
             format!(
-                "06 06000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
+                "06 07000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
                  01000000 {} 80020000 e0010000 {} {} 0500000000000000 04000000",
                 f64s(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
                 f64s(&[0.25]),
                 f64s(&[60.0]),
             ),
         ),
-        ("manifest", format!("07 01000000 0100000000000000 03000000 {} 2800000000000000", "cd".repeat(32))),
+        (
+            "manifest",
+            format!(
+                "07 01000000 0100000000000000 03000000 {} 2800000000000000 01 08000000 {} 3800000000000000",
+                "cd".repeat(32),
+                "ef".repeat(32)
+            ),
+        ),
         (
             "frame",
             format!(
-                "08 0900000000000000 01000000 {} {} {} 010800000000000000 0403000000000000 01000000 01000000 {} 01e8030000 00 \
+                "08 0900000000000000 01000000 {} {} {} 010800000000000000 0403000000000000 01 02010000 01 00002040 01000000 \
+                 01000000 01000000 {} {} 01e8030000 00 \
                  0201000000000000 01 00 00  02 05 02 a302 c701  01 02 01  01 06 00  06000000 {}",
                 f64s(&[0.5]),
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0]),
                 f64s(&[0.0, 1.0, 0.0]),
+                f64s(&[0.0, 1.0, 0.0, 4.0]),
                 f64s(&[0.0, 0.0, 2.0]),
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
             ),
@@ -199,7 +220,7 @@ fn golden_bytes() {
         ("bye on chunks", "05 03000000 0200000000000000 6e6f".into()),
         ("ping", "0e 0201000000000000".into()),
         ("pong", "0f 0201000000000000 0300000000000000".into()),
-        ("standby hello", format!("10 4d554c4c06000000 {ab} {}", "cd".repeat(32))),
+        ("standby hello", format!("10 4d554c4c07000000 {ab} {}", "cd".repeat(32))),
         (
             "course",
             format!(
@@ -211,7 +232,7 @@ fn golden_bytes() {
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
             ),
         ),
-        ("rival hello", format!("12 4d554c4c06000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
+        ("rival hello", format!("12 4d554c4c07000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
         ("prepared", "13 02010000".into()),
         (
             "insertions",
@@ -240,7 +261,9 @@ fn messages_go_round() {
     for message in [welcome(), manifest(), ToTile::Frame(frame()), ToTile::Swap { frame: 3 }, ToTile::Alive] {
         assert_eq!(ToTile::decode(body_of(&bytes(|out| message.encode(out)))), Ok(message));
     }
-    assert_eq!(ToMaster::decode(body_of(&bytes(|out| counted().encode(out)))), Ok(counted()));
+    for message in [counted(), ready()] {
+        assert_eq!(ToMaster::decode(body_of(&bytes(|out| message.encode(out)))), Ok(message));
+    }
     let piece = ChunkReply::Piece(Piece { hash: ChunkHash([1; 32]), offset: 0, total: 3, bytes: b"abc" });
     assert_eq!(ChunkReply::decode(body_of(&bytes(|out| piece.encode(out)))), Ok(piece));
 }
@@ -249,7 +272,7 @@ fn messages_go_round() {
 fn a_manifest_has_whole_parts() {
     let of = |kinds: &[SectionKind]| {
         let section = |(i, kind): (usize, &SectionKind)| SectionRef { kind: *kind, hash: ChunkHash([i as u8; 32]), length: 1 };
-        Manifest { epoch: 1, sections: kinds.iter().enumerate().map(section).collect() }.parts()
+        Manifest { epoch: 1, sections: kinds.iter().enumerate().map(section).collect(), tessellation: None }.parts()
     };
     let [a, b, c, d] = SectionKind::FOR_TILES;
     let parts = of(&[a, b, c, d, d, c, b, a]).unwrap();
@@ -312,6 +335,14 @@ fn caps_hold_both_ways() {
     let too_many = Frame { dropped: dropped(MAX_DROPPED_RANGES + 1), ..frame() }.encode(&mut out);
     assert!(matches!(too_many, Err(WireError::Limit { .. })));
 
+    let planes = |count| {
+        let planes = vec![Plane { normal: DVec3::X, offset_m: 1.0 }; count];
+        Frame { estimate: Some(Estimate { pixels_per_radian: 1.0, planes, ..Estimate::default() }), ..frame() }
+    };
+    let full = ToTile::Frame(planes(MAX_PRIMARY_PLANES));
+    assert_eq!(ToTile::decode(body_of(&bytes(|out| full.encode(out)))), Ok(full));
+    assert!(matches!(planes(MAX_PRIMARY_PLANES + 1).encode(&mut out), Err(WireError::Limit { .. })));
+
     let claims = |list: u64| [&[tag(11)][..], &list.to_le_bytes()].concat();
     assert!(Want::decode(&claims(u64::MAX)).is_err());
     assert!(Want::decode(&claims(MAX_WANTED as u64)).is_err());
@@ -334,6 +365,16 @@ fn what_is_not_finite_or_backwards_is_refused() {
     assert!(refused(|f| f.views[0].eye.y = f64::NAN));
     assert!(refused(|f| f.shared_eye.y = f64::NAN));
     assert!(refused(|f| f.base = Some(9)));
+    fn estimate(frame: &mut Frame, change: fn(&mut Estimate)) {
+        frame.estimate.iter_mut().for_each(change);
+    }
+    assert!(!refused(|f| f.estimate = None));
+    assert!(!refused(|f| estimate(f, |e| e.planes.clear())));
+    assert!(refused(|f| estimate(f, |e| e.planes[0].normal.z = f64::NAN)));
+    assert!(refused(|f| estimate(f, |e| e.planes[0].offset_m = f64::INFINITY)));
+    assert!(refused(|f| estimate(f, |e| e.pixels_per_radian = 0.0)));
+    assert!(refused(|f| estimate(f, |e| e.pixels_per_radian = -1.0)));
+    assert!(refused(|f| estimate(f, |e| e.pixels_per_radian = f32::INFINITY)));
     let refused = |change: fn(&mut Vec<ObjectCount>)| {
         let ToMaster::Counted(mut bad) = counted() else { unreachable!("it is counts") };
         change(&mut bad.objects);

@@ -130,16 +130,20 @@ impl Master {
 
     /// Tells a node which scene frames are of, and which comes next.
     pub(super) fn send_manifests(&mut self, node: NodeIndex, now: Duration) {
-        let manifest = Manifest { epoch: self.epoch, sections: self.options.sections.clone() };
+        let manifest = self.manifest(self.epoch, &self.options.sections);
         self.send(node, &ToTile::Manifest(manifest), Kind::Control, now);
         self.send_next_epoch(node, now);
     }
 
     fn send_next_epoch(&mut self, node: NodeIndex, now: Duration) {
         if let Some(next) = self.begun_epoch() {
-            let manifest = Manifest { epoch: self.epoch + 1, sections: next.sections.clone() };
+            let manifest = self.manifest(self.epoch + 1, &next.sections);
             self.send(node, &ToTile::Manifest(manifest), Kind::Control, now);
         }
+    }
+
+    fn manifest(&self, epoch: u32, sections: &[SectionRef]) -> Manifest {
+        Manifest { epoch, sections: sections.to_vec(), tessellation: self.options.tessellation }
     }
 
     /// A node says that it is prepared.

@@ -12,6 +12,7 @@ mod adaptive;
 mod admission;
 mod epochs;
 mod history;
+mod interface;
 mod last_words;
 mod object_leaves;
 mod outbox;
@@ -25,17 +26,15 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 
-use glam::{DAffine3, DVec3};
 use mullion_common::identity::Bearer;
-use mullion_common::scene::{ObjectId, Presence};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 use mullion_common::wire::{
-    ALIVE_EVERY, Budget, Bye, ByeCode, Course, Frame, Hello, Insertion, Moved, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part,
-    Pong, SILENCE_LIMIT, SectionRef, Shown, Stats, Steering, ToMaster, ToTile, ViewSpec, Welcome, WireError,
+    ALIVE_EVERY, Bye, ByeCode, Course, Frame, Hello, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, Pong, SILENCE_LIMIT, Stats,
+    ToMaster, ToTile, ViewSpec, Welcome, WireError,
 };
 
-use crate::swap_barrier::{BarrierOptions, NodeIndex, ShowNow, SwapBarrier};
+use crate::swap_barrier::{NodeIndex, ShowNow, SwapBarrier};
 use adaptive::Contributions;
 pub use adaptive::{Adaptive, COUNT_EVERY, COUNT_HOLDS_FRAMES, DROPS_BELOW, ENTERING_FRAMES, MAX_DROPPED_OBJECTS};
 pub use admission::Admission;
@@ -43,6 +42,7 @@ use admission::Claim;
 use epochs::NextEpoch;
 pub use epochs::{EPOCH_WAIT, EpochError};
 use history::History;
+pub use interface::{FrameInput, FrameReleased, MasterOptions, Output, Pace, Stage};
 pub(crate) use last_words::LastWords;
 pub use object_leaves::ObjectLeaves;
 pub use outbox::{Full, Kind, MAX_QUEUED, MAX_WAITING, Message, Outbox};
@@ -62,140 +62,6 @@ const MAX_POOLED: usize = 64;
 /// A connection's number; never used twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PeerId(pub u64);
-
-/// When frames are wanted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Pace {
-    /// As soon as the one before was released.
-    AsFastAsPossible,
-    /// One so long after the other. A frame that is released later than that begins the next at once, and the beat goes on
-    /// from there: nothing is made up for.
-    Every(Duration),
-}
-
-/// What a master needs to know beside the wall.
-#[derive(Clone, Debug)]
-pub struct MasterOptions {
-    /// How long frames wait.
-    pub barrier: BarrierOptions,
-    /// When frames are wanted.
-    pub pace: Pace,
-    /// Number of the first frame: 0, but for a master that takes another's place.
-    pub first_frame: u64,
-    /// How many frames the show has, from frame 0 on; `None`: until it is stopped.
-    pub frames: Option<u64>,
-    /// What tiles fetch before they draw: of what the show began with, and of each insertion.
-    pub sections: Vec<SectionRef>,
-    /// What the scene has grown by under masters before.
-    pub insertions: Vec<Insertion>,
-    /// What hardly contributes is drawn on no tile; `None`: all that is seen is drawn.
-    pub adaptive: Option<Adaptive>,
-    /// Makes session numbers unguessable: random bytes, fresh for each run.
-    pub session_seed: [u8; 32],
-}
-
-/// A frame that begins. Slices are by `ViewId`, all but `moved`.
-#[derive(Clone, Copy, Debug)]
-pub struct FrameInput<'a> {
-    /// The number that was wanted.
-    pub number: u64,
-    /// Time in the scene, seconds.
-    pub scene_time_s: f64,
-    /// Where the room is in the world.
-    pub world_from_room: DAffine3,
-    /// Where each view's eye is, room space, metres.
-    pub eyes: &'a [DVec3],
-    /// The eye that all views share for what must agree across seams, world space.
-    pub shared_eye: DVec3,
-    /// What each view sees.
-    pub sets: &'a [VisibleSet],
-    /// Objects that have another transform than in the frame before.
-    pub moved: &'a [Moved],
-    /// What each view may spend; empty: nothing is limited.
-    pub budgets: &'a [Budget],
-    /// Objects that come or go with all below them, in this order: for standbys. Nodes are told by what views see.
-    pub presence: &'a [(ObjectId, Presence)],
-    /// How the show is steered: for standbys.
-    pub steering: Steering,
-}
-
-/// What the shell is to do.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Output {
-    /// Put a message into the peer's [`Outbox`].
-    Send {
-        /// To whom.
-        peer: PeerId,
-        /// What.
-        message: Message,
-    },
-    /// The connection is a chunk connection: serve what it wants.
-    ServeChunks {
-        /// Which connection.
-        peer: PeerId,
-    },
-    /// Write what waits, then close. The peer's number is forgotten.
-    Close {
-        /// Which connection.
-        peer: PeerId,
-        /// Why.
-        bye: Bye,
-    },
-    /// The frame was released.
-    FrameReleased(FrameReleased),
-    /// A node says when it showed a frame.
-    Shown {
-        /// Which node.
-        node: NodeIndex,
-        /// Which frame and when, by the node's estimate of the time that `now` tells.
-        shown: Shown,
-    },
-    /// A spare took the place of a node that is missing.
-    StoodIn {
-        /// The place.
-        node: NodeIndex,
-        /// What the spare calls itself.
-        spare: String,
-    },
-    /// Another master says that it drives the wall with more live nodes. If that is so, this one is to stand by for it.
-    Outnumbered {
-        /// Its connection, which is closed next.
-        peer: PeerId,
-        /// Where it listens, at the address that the connection comes from.
-        port: u16,
-    },
-    /// Call [`Master::begin_frame`] with that number.
-    WantFrame {
-        /// The number.
-        number: u64,
-    },
-    /// The show is over; all connections are closing.
-    Finished,
-}
-
-/// Parts of the work on a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
-    /// What each view gains and loses.
-    Diff,
-    /// The bytes of messages.
-    Encode,
-}
-
-/// A frame that was released.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FrameReleased {
-    /// Its number.
-    pub number: u64,
-    /// When it was due, by the pace of the show.
-    pub due: Duration,
-    /// Time since it began.
-    pub waited: Duration,
-    /// Nodes that held it up and are not waited for any more.
-    pub passed_over: Vec<NodeIndex>,
-    /// Nodes that show it.
-    pub shown_by: u32,
-}
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Peer {
@@ -389,7 +255,7 @@ impl Master {
         let Some(connection) = &mut state.connection else { return };
         connection.heard = now;
         match message {
-            ToMaster::Ready { frame, shown } => match self.barrier.ready(node, frame, now) {
+            ToMaster::Ready { frame, shown, .. } => match self.barrier.ready(node, frame, now) {
                 Some(show_now) => {
                     self.outputs.extend(shown.map(|shown| Output::Shown { node, shown }));
                     connection.acked = connection.acked.max(Some(frame));

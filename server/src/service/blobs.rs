@@ -27,23 +27,34 @@ impl Part {
     /// # Errors
     /// When a section is larger than nodes take.
     pub fn since(size: SceneSize, package: &Package) -> Result<(Self, Vec<SectionRef>), ServiceError> {
-        let (mut refs, mut sections) = (Vec::new(), Vec::new());
         let manifest = &package.scene.manifest;
         let chunks = (0..).zip(&manifest.chunks).skip(size.chunks as usize);
-        let mut places: HashMap<_, _> = chunks.map(|(id, chunk)| (chunk.hash, Place::Chunk(ChunkId(id)))).collect();
-        for kind in SectionKind::FOR_TILES {
-            let bytes = manifest.section_since(kind, size)?;
-            let length = sendable(kind, bytes.len() as u64)?;
-            let hash = ChunkHash::of(&bytes);
-            refs.push(SectionRef { kind, hash, length });
-            places.insert(hash, Place::Section(sections.len()));
-            sections.push(bytes);
-        }
-        Ok((Self { sections, places }, refs))
+        let places = chunks.map(|(id, chunk)| (chunk.hash, Place::Chunk(ChunkId(id)))).collect();
+        let mut part = Self { sections: Vec::new(), places };
+        let add = |kind| part.add(kind, manifest.section_since(kind, size)?);
+        let sections = SectionKind::FOR_TILES.into_iter().map(add).collect::<Result<_, ServiceError>>()?;
+        Ok((part, sections))
+    }
+
+    /// Adds the scene's tessellation, if it has one.
+    ///
+    /// # Errors
+    /// When it is larger than nodes take.
+    pub fn add_tessellation(&mut self, package: &Package) -> Result<Option<SectionRef>, ServiceError> {
+        let tessellation = package.scene.tessellation.as_ref();
+        tessellation.map(|tessellation| self.add(SectionKind::Tessellation, tessellation.encode())).transpose()
+    }
+
+    fn add(&mut self, kind: SectionKind, bytes: Vec<u8>) -> Result<SectionRef, ServiceError> {
+        let length = sendable(kind, bytes.len() as u64)?;
+        let hash = ChunkHash::of(&bytes);
+        self.places.insert(hash, Place::Section(self.sections.len()));
+        self.sections.push(bytes);
+        Ok(SectionRef { kind, hash, length })
     }
 }
 
-/// All blobs of a scene that may grow. Holds the package by reference, and only the small sections twice.
+/// All blobs of a scene that may grow. Holds the package by reference, and only its sections twice.
 #[derive(Debug)]
 pub(super) struct Blobs {
     known: RwLock<Known>,
@@ -96,7 +107,11 @@ impl Blobs {
 
 /// The length of a section that nodes take. They would leave at the manifest, again and again, for a larger one.
 fn sendable(kind: SectionKind, length: u64) -> Result<u64, ServiceError> {
-    if length <= MAX_TILE_SECTION_BYTES { Ok(length) } else { Err(ServiceError::SectionTooLarge { kind, length }) }
+    match kind {
+        _ if length <= MAX_TILE_SECTION_BYTES => Ok(length),
+        SectionKind::Tessellation => Err(ServiceError::TessellationTooLarge { length }),
+        kind => Err(ServiceError::SectionTooLarge { kind, length }),
+    }
 }
 
 #[cfg(test)]
@@ -110,6 +125,11 @@ mod tests {
         assert_eq!(
             error.to_string(),
             "scene: its section Leaves has 1073741825 bytes; nodes take at most 1073741824: prepare it with fewer, larger leaves"
+        );
+        let error = sendable(SectionKind::Tessellation, MAX_TILE_SECTION_BYTES + 1).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "scene: its tessellation has 1073741825 bytes; nodes take at most 1073741824: prepare it with a larger --plp-leaf"
         );
     }
 }

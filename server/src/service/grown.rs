@@ -21,6 +21,8 @@ pub(super) struct Grown {
     package: Arc<Package>,
     parts: Vec<Arc<Part>>,
     sections: Vec<SectionRef>,
+    /// Of what the show began with.
+    tessellation: Option<SectionRef>,
     insertions: Vec<Insertion>,
 }
 
@@ -68,8 +70,9 @@ impl Grown {
     /// # Errors
     /// When a section is larger than nodes take.
     pub fn new(package: Arc<Package>) -> Result<Self, ServiceError> {
-        let (part, sections) = Part::since(SceneSize::default(), &package)?;
-        Ok(Self { package, parts: vec![Arc::new(part)], sections, insertions: Vec::new() })
+        let (mut part, sections) = Part::since(SceneSize::default(), &package)?;
+        let tessellation = part.add_tessellation(&package)?;
+        Ok(Self { package, parts: vec![Arc::new(part)], sections, tessellation, insertions: Vec::new() })
     }
 
     pub fn grow(&mut self, joined: &Joined) {
@@ -105,6 +108,10 @@ impl Grown {
 
     pub fn sections(&self) -> &[SectionRef] {
         &self.sections
+    }
+
+    pub fn tessellation(&self) -> Option<SectionRef> {
+        self.tessellation
     }
 
     pub fn insertions(&self) -> &[Insertion] {

@@ -14,6 +14,7 @@ mod pose;
 mod report;
 mod rival;
 mod scenes;
+mod show;
 mod standby;
 mod succession;
 mod transport;
@@ -27,17 +28,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
-use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, Course, MAX_TILE_SECTION_BYTES, Shown, StandbyHello};
-use thiserror::Error;
+use mullion_common::wire::{Bye, ByeCode, Course, StandbyHello};
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
-use crate::library::Library;
 use crate::master::{
     Adaptive, Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage,
 };
@@ -53,6 +50,7 @@ pub use network::{Connecting, Connector, Listener, Reader, Socket, Writer};
 pub use pose::Pose;
 pub use report::{FrameReport, NodeEvent, ShowReport};
 use scenes::Scenes;
+pub use show::{BARRIER_GRACE, Camera, Cull, NodeObserver, Observer, Rate, ServiceError, Show, ShowOptions, ShownObserver};
 pub use succession::{Heritage, Succession};
 pub use transport::{MasterTls, Security, SecurityError};
 
@@ -60,131 +58,6 @@ pub use transport::{MasterTls, Security, SecurityError};
 const MAX_EVENTS: usize = 256;
 /// How long connections may take to be told goodbye at the end.
 const LAST_WORDS: Duration = Duration::from_secs(2);
-/// What the bounded wait gives beyond a frame's time, for the way there and back.
-pub const BARRIER_GRACE: Duration = Duration::from_millis(4);
-
-/// Frames a second.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Rate {
-    /// As many as the nodes can show.
-    AsFastAsPossible,
-    /// So many, evenly; more than 0.
-    Hz(f64),
-}
-
-/// How a show runs.
-#[derive(Clone, Debug)]
-pub struct ShowOptions {
-    /// How connections are secured.
-    pub security: Security,
-    /// Longest wait for live nodes, from the moment a frame began.
-    pub barrier_wait: Duration,
-    /// Longest wait of the first frame for the nodes of `start_nodes`.
-    pub start_wait: Duration,
-    /// Nodes that the first frame waits for.
-    pub start_nodes: Vec<NodeIndex>,
-    /// How many frames; `None`: until it is stopped.
-    pub frames: Option<u64>,
-    /// How many a second.
-    pub rate: Rate,
-    /// Host and port of a master to stand by for: the show begins when that one is gone.
-    pub standby_of: Option<String>,
-    /// How that one is reached.
-    pub connector: Connector,
-    /// What contributes less to the wall's picture than this share of its pixels, weighted by distance, is drawn on no tile: more than 0, at
-    /// most 1. `None`: all that is seen is drawn.
-    pub adaptive: Option<f64>,
-    /// Packages that other masters may insert: a standby must have what its master's scene grows by.
-    pub insert_from: Option<Library>,
-    /// Makes session numbers unguessable; `None`: random bytes, fresh for each run. Fixed ones let a simulation be run again.
-    pub session_seed: Option<[u8; 32]>,
-    /// Tells whoever steers the show when this master stands by, and what it goes on from.
-    pub succession: Succession,
-}
-
-impl ShowOptions {
-    /// For a wall: its rate, a wait of one frame and a grace, no start gate, no end.
-    pub fn for_wall(wall: &Wall) -> Self {
-        Self {
-            security: Security::Plain,
-            barrier_wait: Duration::from_secs_f64(1.0 / wall.rate_hz()) + BARRIER_GRACE,
-            start_wait: Duration::ZERO,
-            start_nodes: Vec::new(),
-            frames: None,
-            rate: Rate::Hz(wall.rate_hz()),
-            standby_of: None,
-            connector: Connector::default(),
-            adaptive: None,
-            insert_from: None,
-            session_seed: None,
-            succession: Succession::default(),
-        }
-    }
-
-    /// With a first frame that waits so long for every node of the wall.
-    pub fn starting_together(mut self, wall: &Wall, wait: Duration) -> Self {
-        self.start_nodes = (0..wall.nodes().len() as u16).map(NodeIndex).collect();
-        self.start_wait = wait;
-        self
-    }
-}
-
-/// Where everything is in a frame, by its number.
-pub type Camera = Box<dyn FnMut(u64) -> Pose + Send>;
-/// What every view sees, by `ViewId`. The sets come empty.
-pub type Cull = Box<dyn FnMut(&Pose, &mut [VisibleSet]) + Send>;
-/// Is told of every frame. Must be quick: the wall waits.
-pub type Observer = Box<dyn FnMut(&FrameReport) + Send>;
-
-/// Is told of nodes that come and go. Must be quick: the wall waits.
-pub type NodeObserver = Box<dyn FnMut(&NodeEvent) + Send>;
-
-/// Is told when a node showed a frame, as the node says. Must be quick: the wall waits.
-pub type ShownObserver = Box<dyn FnMut(NodeIndex, &Shown) + Send>;
-
-/// All that a show needs.
-pub struct Show {
-    /// The wall.
-    pub wall: Arc<Wall>,
-    /// The scene.
-    pub package: Arc<Package>,
-    /// How it runs.
-    pub options: ShowOptions,
-    /// Where everything is.
-    pub camera: Camera,
-    /// What is seen.
-    pub cull: Cull,
-    /// Who is told of frames.
-    pub observer: Observer,
-    /// Who is told of nodes.
-    pub node_observer: NodeObserver,
-    /// Who is told when nodes showed what.
-    pub shown_observer: ShownObserver,
-    /// Turns true when the show is to end.
-    pub stop: Option<watch::Receiver<bool>>,
-}
-
-/// Why a show could not run.
-#[derive(Debug, Error)]
-#[allow(missing_docs)]
-pub enum ServiceError {
-    #[error("scene: {0}")]
-    Package(#[from] PackageError),
-    #[error(
-        "scene: its section {kind:?} has {length} bytes; nodes take at most {MAX_TILE_SECTION_BYTES}: prepare it with fewer, larger leaves"
-    )]
-    SectionTooLarge { kind: SectionKind, length: u64 },
-    #[error("rate: {0} frames a second; it must be more than 0")]
-    Rate(f64),
-    #[error("adaptive: {0} of the wall; it must be more than 0, and at most 1")]
-    Adaptive(f64),
-    #[error("frame {frame}: {problem}")]
-    Pose { frame: u64, problem: String },
-    #[error("the master to stand by for refused: {0}")]
-    Standby(Bye),
-    #[error("network: {0}")]
-    Network(#[from] io::Error),
-}
 
 /// Runs a show on a thread of its own making: [`serve`] for callers without a runtime.
 ///
@@ -355,6 +228,7 @@ impl Service {
             first_frame: inherited.as_ref().map_or(0, |inherited| inherited.course.number + 1),
             frames: show.options.frames,
             sections: grown.sections().to_vec(),
+            tessellation: grown.tessellation(),
             insertions: grown.insertions().to_vec(),
             adaptive: show.options.adaptive.map(|threshold| Adaptive { threshold, objects: grown.object_leaves() }),
             session_seed,
