@@ -7,11 +7,12 @@ use std::time::Instant;
 use glam::{DAffine3, DVec3};
 use image::RgbaImage;
 use mullion_common::geometry::Aabb;
-use mullion_common::scene::{ChunkId, ObjectId, SceneManifest};
+use mullion_common::scene::{ChunkId, ObjectId, SceneManifest, Tessellation};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Projection;
 use mullion_common::wire::{Moved, ObjectCount, ViewSpec};
 
+use crate::estimating::Estimating;
 use crate::frame::{FrameInput, Planner, ViewInput};
 use crate::gpu::{Attachments, Gpu, GpuError, Renderer, ViewTarget};
 use crate::node::{PaintError, Painter};
@@ -55,6 +56,10 @@ struct OpenScene {
     /// What each view sees without what is dropped.
     drawn: Vec<VisibleSet>,
     counting: Counting,
+    /// Where the scene has a tessellation.
+    estimating: Option<Estimating>,
+    /// The last frame, if all that is seen of it was drawn within its estimate, and what that took.
+    complete: Option<(FrameToDraw, DrawStats)>,
 }
 
 /// How boxes are counted.
@@ -151,7 +156,16 @@ impl Painter for GpuPainter {
             has_changed: true,
             drawn: vec![VisibleSet::default(); views.len()],
             counting: Counting::default(),
+            estimating: None,
+            complete: None,
         });
+        Ok(())
+    }
+
+    fn take_tessellation(&mut self, tessellation: &Arc<Tessellation>) -> Result<(), PaintError> {
+        let scene = self.scene()?;
+        scene.renderer.keep_indices();
+        scene.estimating = Some(Estimating::new(Arc::clone(tessellation), scene.views.len()));
         Ok(())
     }
 
@@ -159,12 +173,15 @@ impl Painter for GpuPainter {
         let scene = self.scene()?;
         scene.renderer.grow(Arc::clone(manifest)).map_err(failed)?;
         scene.manifest = Arc::clone(manifest);
+        scene.complete = None;
         Ok(())
     }
 
     fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
         // A chunk that cannot be read costs its own leaves, not the tile: it is left out, or drawn as a checker.
-        Ok(self.scene()?.renderer.upload(chunk, bytes).unwrap_or_else(|error| {
+        let scene = self.scene()?;
+        scene.complete = None;
+        Ok(scene.renderer.upload(chunk, bytes).unwrap_or_else(|error| {
             tracing::warn!("chunk {}: {error}", chunk.0);
             bytes.len() as u64
         }))
@@ -184,13 +201,18 @@ impl Painter for GpuPainter {
 
     fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
         let start = Instant::now();
-        let Some(OpenScene { manifest, views, renderer, has_changed, drawn, .. }) = &mut self.scene else {
+        let Some(OpenScene { manifest, views, renderer, has_changed, drawn, estimating, complete, .. }) = &mut self.scene else {
             return Err(PaintError::Failed("a frame before there is a scene".to_owned()));
         };
+        if let Some(stats) =
+            complete.as_ref().filter(|(before, _)| !*has_changed && before.shows_the_same(frame)).map(|(_, s)| *s)
+        {
+            return Ok(stats);
+        }
         for (drawn, view) in drawn.iter_mut().zip(&frame.views) {
             view.leaves.difference_into(&frame.dropped, drawn);
         }
-        let inputs: Vec<ViewInput<'_>> = views
+        let mut inputs: Vec<ViewInput<'_>> = views
             .iter()
             .zip(&frame.views)
             .zip(&*drawn)
@@ -202,6 +224,16 @@ impl Painter for GpuPainter {
                 estimate: None,
             })
             .collect();
+        if let Some(estimating) = estimating {
+            if *has_changed {
+                estimating.leave_out_moved(manifest, renderer.transforms());
+            }
+            estimating.find(manifest, views, frame);
+            if frame.estimate.as_ref().is_some_and(|estimate| estimate.is_complete) {
+                estimating.complete(renderer, manifest, (views, &inputs), frame).map_err(failed)?;
+            }
+            inputs.iter_mut().enumerate().for_each(|(place, input)| input.estimate = estimating.of_view(place));
+        }
         let resident = |chunk| renderer.is_resident(chunk);
         let input = FrameInput {
             views: &inputs,
@@ -225,6 +257,8 @@ impl Painter for GpuPainter {
         // Ready means that the picture is there, not that it was ordered.
         renderer.wait().map_err(failed)?;
         stats.draw_us = u32::try_from(start.elapsed().as_micros()).unwrap_or(u32::MAX);
+        let is_complete = estimating.is_some() && frame.estimate.as_ref().is_some_and(|estimate| estimate.is_complete);
+        *complete = is_complete.then(|| (frame.clone(), stats));
         Ok(stats)
     }
 

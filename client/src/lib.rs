@@ -8,6 +8,7 @@
 
 mod connection;
 pub mod disk_cache;
+mod estimating;
 pub mod frame;
 pub mod gpu;
 pub mod gpu_painter;

@@ -105,7 +105,7 @@ impl<'a> Drawing<'a> {
             let results = self.renderer.draw(plan)?;
             round = self.completer.feed(frame, &results);
         }
-        let (view, estimate) = ((VIEW, *projection, visible), Some(self.completer.estimate(frame)));
+        let (view, estimate) = ((VIEW, *projection, visible), Some(self.completer.estimate(frame.tessellation)));
         let drawn = drawn::draw_estimate(&mut self.renderer, &mut self.planner, self.package, view, estimate)?;
         self.renderer.wait()?;
         Ok(Cost { time: start.elapsed(), triangles: drawn.triangles, rounds })

@@ -1,5 +1,6 @@
 //! The rounds that complete an estimate: what they draw hides what is asked for next. Of one view at a time.
 
+use mullion_common::scene::Tessellation;
 use mullion_common::visible_set::LeafRange;
 
 use super::{Bound, FrameInput, FramePlan, PassPlan, PassResults, Planner, ViewInput};
@@ -59,8 +60,8 @@ impl Completer {
     }
 
     /// Once there is no further round: all that the view sees, and more.
-    pub fn estimate<'a>(&'a self, frame: &Frame<'a>) -> Estimate<'a> {
-        self.completion.estimate(frame.tessellation)
+    pub fn estimate<'a>(&'a self, tessellation: &'a Tessellation) -> Estimate<'a> {
+        self.completion.estimate(tessellation)
     }
 
     fn ask(&self, pass: &mut PassPlan, frame: &Frame<'_>) {

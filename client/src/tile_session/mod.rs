@@ -83,6 +83,17 @@ pub struct FrameToDraw {
     pub when_missing: WhenMissing,
 }
 
+impl FrameToDraw {
+    /// Whether another frame has the same picture, as long as no object moves and no chunk comes.
+    pub fn shows_the_same(&self, other: &Self) -> bool {
+        let Self { number: _, epoch, scene_time_s: _, world_from_room, shared_eye, views, dropped, estimate, when_missing } =
+            self;
+        (epoch, world_from_room, shared_eye, when_missing)
+            == (&other.epoch, &other.world_from_room, &other.shared_eye, &other.when_missing)
+            && (views, dropped, estimate) == (&other.views, &other.dropped, &other.estimate)
+    }
+}
+
 /// What drawing a frame took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DrawStats {

@@ -1,0 +1,168 @@
+//! A node's estimates: from a frame's budget to what each of its views draws.
+//!
+//! ```text
+//! the wall's budget ─→ one traversal from the shared eye ─┬─→ every view's estimate
+//! a tile's own budget ─→ a traversal of its view ─────────┘        │ where the camera rests
+//!                                                          completed, view by view
+//! ```
+//! All nodes follow the same order to the same cut, so what crosses a seam is drawn on both sides or on neither. A tile's own budget promises
+//! no such thing.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use mullion_common::geometry::Frustum;
+use mullion_common::scene::{SceneManifest, Tessellation, Transform};
+use mullion_common::wall::Projection;
+use mullion_common::wire::ViewSpec;
+
+use crate::frame::{Completer, FrameInput, ViewInput};
+use crate::gpu::{GpuError, Renderer};
+use crate::plp::{Estimate, Frame, Sight, Solidity, Traversal};
+use crate::tile_session::{FrameToDraw, ViewToDraw};
+
+/// What a painter keeps for them.
+pub(crate) struct Estimating {
+    tessellation: Arc<Tessellation>,
+    wall: Traversal,
+    /// By place of the view.
+    views: Vec<OfView>,
+}
+
+#[derive(Default)]
+struct OfView {
+    own: Traversal,
+    completer: Completer,
+    found: Found,
+}
+
+/// Where a view's estimate comes from in this frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Found {
+    /// All that it sees is drawn.
+    #[default]
+    Nowhere,
+    Wall,
+    Own,
+    Completer,
+}
+
+/// A view as its own eye sees it.
+struct Look {
+    frustum: Frustum,
+    pixels_per_radian: f32,
+}
+
+impl Look {
+    fn of(spec: &ViewSpec, view: &ViewToDraw, frame: &FrameToDraw) -> Self {
+        let corners = spec.corners.map(DVec3::from);
+        let projection = Projection::through_rectangle(view.eye, corners, spec.near_m, &frame.world_from_room);
+        Self {
+            frustum: Frustum::through_rectangle(view.eye, corners, spec.near_m).transformed(&frame.world_from_room),
+            pixels_per_radian: projection.pixels_per_radian(spec.size_px) as f32,
+        }
+    }
+
+    fn sight(&self) -> Sight<'_> {
+        Sight { eye: self.frustum.eye, planes: &self.frustum.planes, pixels_per_radian: self.pixels_per_radian }
+    }
+}
+
+impl Estimating {
+    pub fn new(tessellation: Arc<Tessellation>, views: usize) -> Self {
+        Self { tessellation, wall: Traversal::new(), views: (0..views).map(|_| OfView::default()).collect() }
+    }
+
+    /// Objects stand elsewhere: those that moved are not the tessellation's business until they are back.
+    pub fn leave_out_moved(&mut self, manifest: &SceneManifest, transforms: &[Transform]) {
+        for (place, leaf) in (0..).zip(self.tessellation.leaves()) {
+            let object = manifest.leaves[*leaf as usize].object.0 as usize;
+            let has_moved = manifest.transforms[object] != transforms[object];
+            self.wall.leave_out(&self.tessellation, place, has_moved);
+            self.views.iter_mut().for_each(|view| view.own.leave_out(&self.tessellation, place, has_moved));
+        }
+    }
+
+    /// Finds the estimates of a frame.
+    pub fn find(&mut self, manifest: &SceneManifest, specs: &[ViewSpec], frame: &FrameToDraw) {
+        let Self { tessellation, wall, views } = self;
+        let order = frame.estimate.as_ref();
+        let of_wall = order.filter(|_| frame.views.iter().any(|view| view.budget.triangles.is_none()));
+        if let Some(order) = of_wall {
+            let sight = Sight { eye: frame.shared_eye, planes: &order.planes, pixels_per_radian: order.pixels_per_radian };
+            let of_wall = Frame { tessellation, scene: manifest, sight };
+            wall.begin(&of_wall, Solidity::default());
+            wall.project(&of_wall, order.triangles);
+        }
+        for ((kept, view), spec) in views.iter_mut().zip(&frame.views).zip(specs) {
+            kept.found = match view.budget.triangles {
+                Some(budget) => {
+                    let look = Look::of(spec, view, frame);
+                    let of_view = Frame { tessellation, scene: manifest, sight: look.sight() };
+                    kept.own.begin(&of_view, Solidity::default());
+                    kept.own.project(&of_view, budget);
+                    Found::Own
+                }
+                None if of_wall.is_some() => Found::Wall,
+                None => Found::Nowhere,
+            };
+        }
+    }
+
+    /// Completes the estimates that were found, of views that have one.
+    ///
+    /// # Errors
+    /// When the GPU fails.
+    pub fn complete(
+        &mut self,
+        renderer: &mut Renderer,
+        manifest: &SceneManifest,
+        (specs, inputs): (&[ViewSpec], &[ViewInput<'_>]),
+        frame: &FrameToDraw,
+    ) -> Result<(), GpuError> {
+        let Self { tessellation, wall, views } = self;
+        for (at, kept) in views.iter_mut().enumerate() {
+            let (Some(view), Some(spec), Some(of_view)) = (frame.views.get(at), specs.get(at), inputs.get(at)) else { continue };
+            let traversal = match kept.found {
+                Found::Wall => &*wall,
+                Found::Own => &kept.own,
+                Found::Nowhere | Found::Completer => continue,
+            };
+            kept.found = Found::Nowhere;
+            if !renderer.can_cull() {
+                // Nobody tells what is hidden: all is drawn.
+                continue;
+            }
+            let look = Look::of(spec, view, frame);
+            let of = Frame { tessellation, scene: manifest, sight: look.sight() };
+            let resident = |chunk| renderer.is_resident(chunk);
+            let first = FrameInput {
+                views: &[],
+                shared_eye: frame.shared_eye,
+                manifest,
+                transforms: renderer.transforms(),
+                resident: &resident,
+                when_missing: frame.when_missing,
+                has_changed: false,
+            };
+            let mut round = Some(kept.completer.begin(&first, of_view, &of, traversal));
+            while let Some(plan) = round {
+                let results = renderer.draw(plan)?;
+                round = kept.completer.feed(&of, &results);
+            }
+            kept.found = Found::Completer;
+        }
+        Ok(())
+    }
+
+    /// What the view at a place draws; `None`: all that it sees.
+    pub fn of_view(&self, place: usize) -> Option<Estimate<'_>> {
+        let view = self.views.get(place)?;
+        match view.found {
+            Found::Nowhere => None,
+            Found::Wall => Some(self.wall.estimate(&self.tessellation)),
+            Found::Own => Some(view.own.estimate(&self.tessellation)),
+            Found::Completer => Some(view.completer.estimate(&self.tessellation)),
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Goal: to a wall's budget all nodes draw the same cut, whoever draws which tiles; without a bound, or where it is completed, every tile has
+//! the picture that it has without an estimate, moved objects among them. Method: painters without a network, of one node and of four, on
+//! clustered boxes seen from their midst.
+
+mod support;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+use image::RgbaImage;
+use mullion_client::gpu::{Gpu, GpuOptions};
+use mullion_client::gpu_painter::{GpuPainter, Output};
+use mullion_client::missing::WhenMissing;
+use mullion_client::node::Painter;
+use mullion_client::occlusion::Occlusion;
+use mullion_client::tile_session::{FrameToDraw, ViewToDraw};
+use mullion_common::scene::{ChunkId, ObjectId, Package, Transform};
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::{ViewId, Wall, WallConfig};
+use mullion_common::wire::{Budget, Estimate, Moved, ViewSpec};
+use mullion_server::generate::{GeneratedScene, write_glb};
+use mullion_server::prepare::PrepareOptions;
+use mullion_server::prepare::plp::{TessellateOptions, tessellate};
+
+/// Width and height of a tile; the wall has two by two.
+const TILE_PX: [u32; 2] = [80, 60];
+const BOXES: &str = "boxes:1500";
+
+fn package() -> Package {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("boxes.glb");
+    write_glb(BOXES.parse::<GeneratedScene>().expect("a scene"), 1, &path).expect("written");
+    let mut package = support::package(&path, &PrepareOptions::default());
+    let tessellation = tessellate(&package, &TessellateOptions::default(), &|_, _, _| {}).expect("it has triangles");
+    package.scene.tessellation = Some(Arc::new(tessellation));
+    package
+}
+
+/// The same screen as so many tiles, without bezels.
+fn wall(tiles: u32) -> Wall {
+    let [width, height] = TILE_PX.map(|edge| edge * 2 / tiles);
+    let (across, up) = (4.0 / f64::from(tiles), 3.0 / f64::from(tiles));
+    let text =
+        format!("[grid]\ncolumns = {tiles}\nrows = {tiles}\ntile_px = [{width}, {height}]\ntile_m = [{across:?}, {up:?}]\n");
+    WallConfig::parse(&text).expect("a valid wall")
+}
+
+/// The room in the midst of the boxes.
+fn world_from_room(package: &Package) -> DAffine3 {
+    let bound = package.scene.hierarchy.nodes()[0].bound;
+    DAffine3::from_translation(bound.center + DVec3::new(0.31, 0.07, 0.17) * bound.half_axes[0].length())
+}
+
+/// A node's painter with all chunks, of some views of a wall.
+fn painter(gpu: &Arc<Gpu>, package: &Package, views: &[ViewSpec], occlusion: Occlusion) -> GpuPainter {
+    let mut painter = GpuPainter::new(Arc::clone(gpu), Output::Keep).culling(occlusion);
+    painter.open_scene(&Arc::new(package.scene.manifest.clone()), views).expect("opened");
+    painter.take_tessellation(package.scene.tessellation.as_ref().expect("it is there")).expect("taken");
+    for chunk in (0..package.scene.manifest.chunks.len() as u32).map(ChunkId) {
+        painter.upload(chunk, package.chunk(chunk)).expect("taken");
+    }
+    painter
+}
+
+/// What is to be drawn.
+struct Order {
+    estimate: Option<Estimate>,
+    of_tile: Budget,
+}
+
+const ALL: Order = Order { estimate: None, of_tile: Budget { triangles: None, gpu_us: None } };
+
+fn to_budget(package: &Package, triangles: u32, is_complete: bool) -> Order {
+    let whole = wall(1);
+    let eye = whole.default_eyes()[0];
+    let frustum = whole.frustum(ViewId(0), eye, &world_from_room(package));
+    let estimate = Estimate { triangles, is_complete, pixels_per_radian: 100.0, planes: frustum.planes.to_vec() };
+    Order { estimate: Some(estimate), ..ALL }
+}
+
+/// The pictures of some views, by tile.
+fn draw(painter: &mut GpuPainter, package: &Package, views: &[ViewSpec], order: &Order) -> (BTreeMap<String, RgbaImage>, u64) {
+    let (world_from_room, eye) = (world_from_room(package), wall(1).default_eyes()[0]);
+    let view = |_: &ViewSpec| ViewToDraw {
+        view: ViewId(0),
+        eye,
+        budget: order.of_tile,
+        leaves: VisibleSet::all(package.scene.leaf_count()),
+        missing: VisibleSet::default(),
+    };
+    let frame = FrameToDraw {
+        world_from_room,
+        shared_eye: world_from_room.transform_point3(eye),
+        views: views.iter().map(view).collect(),
+        estimate: order.estimate.clone(),
+        when_missing: WhenMissing::Hold,
+        ..FrameToDraw::default()
+    };
+    let stats = painter.draw(&frame).expect("drawn");
+    painter.show(0).expect("shown");
+    (painter.pictures().expect("pictures").into_iter().collect(), stats.triangles)
+}
+
+fn specs(wall: &Wall) -> Vec<ViewSpec> {
+    (0..wall.views().len() as u16).map(|view| ViewSpec::of(wall, ViewId(view))).collect()
+}
+
+fn differing(a: &RgbaImage, b: &RgbaImage) -> usize {
+    a.pixels().zip(b.pixels()).filter(|(a, b)| a != b).count()
+}
+
+/// All tiles' pictures as one.
+fn composite(wall: &Wall, pictures: &BTreeMap<String, RgbaImage>) -> RgbaImage {
+    let mut all = RgbaImage::new(TILE_PX[0] * 2, TILE_PX[1] * 2);
+    for (at, tile) in (0..).zip(wall.tiles()) {
+        let (column, row) = (at % 2, at / 2);
+        image::imageops::replace(&mut all, &pictures[&tile.name], column * i64::from(TILE_PX[0]), row * i64::from(TILE_PX[1]));
+    }
+    all
+}
+
+#[test]
+fn all_nodes_cut_at_the_same_place() {
+    if !support::has_gpu() {
+        return;
+    }
+    let gpu = Gpu::open(GpuOptions::default()).expect("a GPU");
+    let package = package();
+    let (tiled, whole) = (wall(2), wall(1));
+    let (of_tiled, of_whole) = (specs(&tiled), specs(&whole));
+    let mut one = painter(&gpu, &package, &of_whole, Occlusion::Off);
+    let mut together = painter(&gpu, &package, &of_tiled, Occlusion::Off);
+    let mut apart: Vec<GpuPainter> =
+        of_tiled.iter().map(|view| painter(&gpu, &package, std::slice::from_ref(view), Occlusion::Hiz)).collect();
+    let picture = |pictures: &BTreeMap<String, RgbaImage>| pictures.values().next().cloned().expect("a tile");
+    let (exact, _) = draw(&mut one, &package, &of_whole, &ALL);
+    let exact_tiles = composite(&tiled, &draw(&mut together, &package, &of_tiled, &ALL).0);
+    // What a picture in one piece and one of tiles may differ by: pixels on edges, whose places are rounded otherwise.
+    let edges = differing(&exact_tiles, &picture(&exact));
+    let mut seams = 0;
+    for triangles in [40, 150, 600] {
+        let order = to_budget(&package, triangles, false);
+        let (pictures, drawn) = draw(&mut one, &package, &of_whole, &order);
+        assert!(drawn <= u64::from(triangles), "{drawn} of {triangles}");
+        let (tiles, _) = draw(&mut together, &package, &of_tiled, &order);
+        for (node, view) in apart.iter_mut().zip(&of_tiled) {
+            let (own, _) = draw(node, &package, std::slice::from_ref(view), &order);
+            assert!(own[&view.tile_name] == tiles[&view.tile_name], "{} to {triangles}", view.tile_name);
+        }
+        let composite_of = composite(&tiled, &tiles);
+        let wrong = differing(&composite_of, &picture(&pictures));
+        assert!(wrong <= edges + edges / 2 + 4, "{wrong} pixels differ to {triangles}, {edges} where all is drawn");
+        assert!(differing(&composite_of, &exact_tiles) > 20, "to {triangles} something is missing");
+        let of_tile = Order { of_tile: Budget { triangles: Some(triangles / 4), gpu_us: None }, ..ALL };
+        let (own, _) = draw(&mut together, &package, &of_tiled, &of_tile);
+        seams = seams.max(differing(&composite(&tiled, &own), &picture(&pictures)));
+    }
+    assert!(seams > 2 * edges + 50, "tiles with budgets of their own find something else: {seams}");
+}
+
+#[test]
+fn a_completed_estimate_is_the_exact_picture() {
+    if !support::has_gpu() {
+        return;
+    }
+    let gpu = Gpu::open(GpuOptions::default()).expect("a GPU");
+    let package = package();
+    let specs = specs(&wall(2));
+    for occlusion in [Occlusion::Off, Occlusion::Hiz] {
+        let mut plain = painter(&gpu, &package, &specs, Occlusion::Off);
+        let mut estimating = painter(&gpu, &package, &specs, occlusion);
+        // Large, and close before the eye; then back.
+        let home = package.scene.manifest.transforms[7];
+        let close = DAffine3::from_scale_rotation_translation(
+            DVec3::splat(0.4),
+            glam::DQuat::from_rotation_y(0.3),
+            world_from_room(&package).translation - DVec3::Z * 3.0,
+        );
+        for transform in [home, Transform::from(close), home] {
+            let moved = Moved { object: ObjectId(7), transform };
+            for painter in [&mut plain, &mut estimating] {
+                painter.set_transform(&moved).expect("moved");
+            }
+            let (exact, of_all) = draw(&mut plain, &package, &specs, &ALL);
+            for (triangles, is_complete) in [(u32::MAX, false), (300, true), (0, true), (0, true)] {
+                let (found, drawn) = draw(&mut estimating, &package, &specs, &to_budget(&package, triangles, is_complete));
+                assert!(found == exact, "to {triangles}, {occlusion}");
+                assert!(!is_complete || drawn * 2 < of_all, "{drawn} of {of_all} triangles are drawn");
+            }
+            let (found, _) = draw(&mut estimating, &package, &specs, &to_budget(&package, 300, false));
+            assert!(found != exact, "300 triangles are not all");
+        }
+    }
+}
