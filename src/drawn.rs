@@ -68,21 +68,31 @@ pub fn draw(
     package: &Package,
     view: (ViewId, Projection, &VisibleSet),
 ) -> Result<Drawn> {
-    draw_estimate(renderer, planner, package, view, None)
+    draw_with(renderer, planner, package, view, Hints::default())
 }
 
-/// The same within an estimate.
+/// What is known of a view beside what it sees.
+#[derive(Clone, Copy, Default)]
+pub struct Hints<'a> {
+    /// What limits its picture.
+    pub estimate: Option<Estimate<'a>>,
+    /// What is drawn first, with occlusion culling.
+    pub occluders: Option<&'a VisibleSet>,
+}
+
+/// The same with hints.
 ///
 /// # Errors
 /// When the GPU fails.
-pub fn draw_estimate(
+pub fn draw_with(
     renderer: &mut Renderer,
     planner: &mut Planner,
     package: &Package,
     (target, projection, visible): (ViewId, Projection, &VisibleSet),
-    estimate: Option<Estimate<'_>>,
+    Hints { estimate, occluders }: Hints<'_>,
 ) -> Result<Drawn> {
-    let views = [ViewInput { view: target, projection, visible, missing: &VisibleSet::default(), estimate }];
+    let missing = VisibleSet::default();
+    let views = [ViewInput { view: target, projection, visible, missing: &missing, estimate, occluders }];
     let mut drawn = Drawn::default();
     let mut round = Some(planner.begin(FrameInput {
         views: &views,

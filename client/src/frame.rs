@@ -51,6 +51,9 @@ pub struct ViewInput<'a> {
     pub missing: &'a VisibleSet,
     /// An estimate of what is visible, which limits what is drawn of opaque and masked leaves. Pictures change.
     pub estimate: Option<Estimate<'a>>,
+    /// With [`Occlusion::Hiz`]: leaves to be drawn at once beside those that were seen last, and before any is known instead of all. The
+    /// picture is the same.
+    pub occluders: Option<&'a VisibleSet>,
 }
 
 /// What to draw in one round. Executed by [`crate::gpu::Renderer::draw`].
@@ -351,7 +354,7 @@ mod tests {
         (when_missing, missing): (WhenMissing, &VisibleSet),
     ) -> FramePlan {
         let projection = Projection { eye: DVec3::new(5.0, 0.0, 0.0), clip_from_offset: DMat4::IDENTITY };
-        let views = [ViewInput { view: ViewId(3), projection, visible, missing, estimate: None }];
+        let views = [ViewInput { view: ViewId(3), projection, visible, missing, estimate: None, occluders: None }];
         let transforms = &manifest.transforms;
         let shared_eye = DVec3::ZERO;
         planner
@@ -445,7 +448,8 @@ mod tests {
         let projection = Projection { eye: DVec3::ZERO, clip_from_offset: DMat4::IDENTITY };
         let visible = VisibleSet::all(2);
         let missing = VisibleSet::default();
-        let views = [ViewInput { view: ViewId(0), projection, visible: &visible, missing: &missing, estimate: None }];
+        let views =
+            [ViewInput { view: ViewId(0), projection, visible: &visible, missing: &missing, estimate: None, occluders: None }];
         let mut planner = Planner::new();
         let input = FrameInput {
             views: &views,

@@ -222,6 +222,7 @@ impl Painter for GpuPainter {
                 visible: drawn,
                 missing: &view.missing,
                 estimate: None,
+                occluders: None,
             })
             .collect();
         if let Some(estimating) = estimating {

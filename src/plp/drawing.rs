@@ -14,7 +14,7 @@ use mullion_common::scene::Package;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Projection, ViewId};
 
-use crate::drawn;
+use crate::drawn::{self, Hints};
 
 const VIEW: ViewId = ViewId(0);
 
@@ -52,8 +52,9 @@ impl<'a> Drawing<'a> {
     /// When the GPU fails.
     pub fn draw(&mut self, projection: &Projection, visible: &VisibleSet, estimate: Option<Estimate<'_>>) -> Result<Cost> {
         let view = (VIEW, *projection, visible);
+        let hints = Hints { estimate, ..Hints::default() };
         let start = Instant::now();
-        let drawn = drawn::draw_estimate(&mut self.renderer, &mut self.planner, self.package, view, estimate)?;
+        let drawn = drawn::draw_with(&mut self.renderer, &mut self.planner, self.package, view, hints)?;
         self.renderer.wait()?;
         Ok(Cost { time: start.elapsed(), triangles: drawn.triangles, rounds: 0 })
     }
@@ -88,7 +89,7 @@ impl<'a> Drawing<'a> {
     ) -> Result<Cost> {
         let start = Instant::now();
         let missing = VisibleSet::default();
-        let view = ViewInput { view: VIEW, projection: *projection, visible, missing: &missing, estimate: None };
+        let view = ViewInput { view: VIEW, projection: *projection, visible, missing: &missing, estimate: None, occluders: None };
         let input = FrameInput {
             views: &[],
             shared_eye: projection.eye,
@@ -105,10 +106,29 @@ impl<'a> Drawing<'a> {
             let results = self.renderer.draw(plan)?;
             round = self.completer.feed(frame, &results);
         }
-        let (view, estimate) = ((VIEW, *projection, visible), Some(self.completer.estimate(frame.tessellation)));
-        let drawn = drawn::draw_estimate(&mut self.renderer, &mut self.planner, self.package, view, estimate)?;
+        let view = (VIEW, *projection, visible);
+        let hints = Hints { estimate: Some(self.completer.estimate(frame.tessellation)), ..Hints::default() };
+        let drawn = drawn::draw_with(&mut self.renderer, &mut self.planner, self.package, view, hints)?;
         self.renderer.wait()?;
         Ok(Cost { time: start.elapsed(), triangles: drawn.triangles, rounds })
+    }
+
+    /// Draws with a planner that culls what is hidden, and occluders.
+    ///
+    /// # Errors
+    /// When the GPU fails.
+    pub fn cull(
+        &mut self,
+        planner: &mut Planner,
+        projection: &Projection,
+        visible: &VisibleSet,
+        occluders: Option<&VisibleSet>,
+    ) -> Result<Cost> {
+        let (view, hints) = ((VIEW, *projection, visible), Hints { occluders, ..Hints::default() });
+        let start = Instant::now();
+        let drawn = drawn::draw_with(&mut self.renderer, planner, self.package, view, hints)?;
+        self.renderer.wait()?;
+        Ok(Cost { time: start.elapsed(), triangles: drawn.triangles, rounds: 0 })
     }
 
     /// Whether estimates can be completed here.

@@ -37,6 +37,8 @@ enum State {
     /// Two turns of one round: what was seen in the last frame, where that is known.
     Turns {
         seen: Option<VisibleSet>,
+        /// What was seen, and what is likely to be.
+        likely: VisibleSet,
         /// None: it is always on.
         worth: Option<Worth>,
     },
@@ -62,7 +64,7 @@ impl CulledView {
     /// `worth`: judges whether two turns are left off for a while.
     pub fn new(view: ViewId, occlusion: Occlusion, worth: Option<Worth>, adaptive: Option<Adaptive>) -> Self {
         let state = match occlusion {
-            Occlusion::Off | Occlusion::Hiz => State::Turns { seen: None, worth },
+            Occlusion::Off | Occlusion::Hiz => State::Turns { seen: None, likely: VisibleSet::default(), worth },
             _ => State::Rounds(Box::new(InRounds {
                 rounds: Rounds::default(),
                 adaptive,
@@ -89,16 +91,22 @@ impl CulledView {
         }
         let first = pass.first.take();
         match &mut self.state {
-            State::Turns { seen, worth } => {
+            State::Turns { seen, likely, worth } => {
                 if worth.as_mut().is_some_and(|worth| !worth.is_on()) {
                     *seen = None;
                     return;
                 }
                 let mut first = first.unwrap_or_default();
-                // All at once in the first frame: what they hide is known in the next.
-                match seen {
-                    Some(seen) => pass.opaque.intersection_into(seen, &mut first),
-                    None => first.clone_from(&pass.opaque),
+                let of_view = input.views.iter().find(|view| view.view == self.view);
+                match (seen, of_view.and_then(|view| view.occluders)) {
+                    (Some(seen), Some(occluders)) => {
+                        seen.union_into(occluders, likely);
+                        pass.opaque.intersection_into(likely, &mut first);
+                    }
+                    (Some(known), None) => pass.opaque.intersection_into(known, &mut first),
+                    (None, Some(likely)) => pass.opaque.intersection_into(likely, &mut first),
+                    // All at once in the first frame: what they hide is known in the next.
+                    (None, None) => first.clone_from(&pass.opaque),
                 }
                 (pass.first, pass.test) = (Some(first), BoxTest::Sifted);
             }
@@ -135,7 +143,7 @@ impl CulledView {
     /// Takes what came of a round. Whether there is another, which the pass then is.
     pub fn go_on(&mut self, result: &PassResult, pass: &mut PassPlan) -> bool {
         match &mut self.state {
-            State::Turns { seen, worth } => {
+            State::Turns { seen, worth, .. } => {
                 if let Some(now) = &result.seen {
                     seen.get_or_insert_default().clone_from(now);
                     let (drawn, hidden) = (result.triangles, result.hidden_triangles);

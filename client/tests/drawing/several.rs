@@ -33,6 +33,7 @@ fn draw(renderer: &mut Renderer, planner: &mut Planner, scene: &Scene, looks: &[
             visible,
             missing: &none,
             estimate: None,
+            occluders: None,
         })
         .collect();
     let mut plan = planner

@@ -5,17 +5,19 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use glam::DAffine3;
+use mullion_client::frame::Planner;
 use mullion_client::gpu::Gpu;
+use mullion_client::occlusion::Occlusion;
 use mullion_client::plp::{Solidity, Traversal};
 use mullion_common::scene::{Package, Tessellation};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
-use mullion_common::wall::Wall;
+use mullion_common::wall::{Projection, Wall};
 use mullion_server::cull::{Algorithm, Culler};
 use mullion_server::generate::Random;
 use mullion_server::prepare::plp::TessellationStatistics;
 use mullion_server::tree::CullTree;
 
-use super::table::{BudgetFigures, CompletionFigures, DrawingFigures, Table, TessellationFigures, WayFigures};
+use super::table::{BudgetFigures, CompletionFigures, DrawingFigures, OccluderFigures, Table, TessellationFigures, WayFigures};
 use crate::plp::{Drawing, Judge, Seen, change};
 
 /// Width and height of the picture.
@@ -24,6 +26,18 @@ pub const SIZE_PX: [u32; 2] = [1024, 1024];
 const MIDDLE: f64 = 0.05;
 /// What is drawn at random is drawn in the order that comes of this seed and the frame's number.
 const SEED: u64 = 0x6d75_6c6c_696f_6e21;
+
+/// Occlusion culling: whether nothing is known of the frame before, and whether an estimate's leaves are drawn first.
+const CULLED: [(&str, bool, bool); 4] = [
+    ("culled", false, false),
+    ("culled, estimate first", false, true),
+    ("culled anew", true, false),
+    ("culled anew, estimate first", true, true),
+];
+
+fn culling() -> Planner {
+    Planner::new().culling(Occlusion::Hiz)
+}
 
 /// One scene's.
 pub struct Contest<'a> {
@@ -44,6 +58,7 @@ pub struct Contest<'a> {
     visible: Vec<usize>,
     drawn: DrawingFigures,
     completed: CompletionFigures,
+    occluders: Vec<(Planner, OccluderFigures)>,
     /// The frame of which pictures are kept.
     pub pictures_of: Option<u64>,
     pictures: Vec<(String, image::RgbaImage)>,
@@ -78,6 +93,7 @@ impl<'a> Contest<'a> {
             visible: Vec::new(),
             drawn: DrawingFigures { gpu: gpu.map(|gpu| gpu.describe()).unwrap_or_default(), ..DrawingFigures::default() },
             completed: CompletionFigures::default(),
+            occluders: CULLED.map(|(name, ..)| (culling(), OccluderFigures { name, ..OccluderFigures::default() })).into(),
             pictures_of: None,
             pictures: Vec::new(),
             package,
@@ -130,6 +146,7 @@ impl<'a> Contest<'a> {
             drawing.draw_by_numbers(&seen.projection, visible)?;
             drawing.draw(&seen.projection, visible, None)?;
         }
+        self.drawn.all_ms.push(ms(drawing.draw(&seen.projection, &self.covered, None)?.time));
         self.drawn.by_numbers_ms.push(ms(drawing.draw_by_numbers(&seen.projection, visible)?.time));
         self.drawn.whole_ms.push(ms(drawing.draw(&seen.projection, visible, None)?.time));
         let exact = drawing.picture()?;
@@ -161,9 +178,13 @@ impl<'a> Contest<'a> {
             if at == middle {
                 held = slots(traversal, self.judge.triangles());
             }
+            if at == 0 && way + 1 == self.solidities.len() {
+                self.cull(way, &seen.projection, visible)?;
+            }
             let Some(drawing) = &mut self.drawing else { continue };
             let estimate = self.traversals[way].estimate(self.tessellation);
-            figures.draw_ms.push(ms(drawing.draw(&seen.projection, visible, Some(estimate))?.time));
+            let cost = drawing.draw(&seen.projection, visible, Some(estimate))?;
+            self.ways[way].budgets[at].draw_ms.push(ms(cost.time));
             if has_pictures && at + 1 == self.budgets.len() {
                 let name = format!("{}-{}", solidity.name(), self.budgets[at] * 100.0);
                 self.pictures.push((name, drawing.picture()?));
@@ -188,6 +209,22 @@ impl<'a> Contest<'a> {
         Ok(())
     }
 
+    /// Culls what is hidden, with the leaves of an estimate drawn first, and without.
+    fn cull(&mut self, way: usize, projection: &Projection, visible: &VisibleSet) -> Result<()> {
+        let Some(drawing) = self.drawing.as_mut().filter(|drawing| drawing.can_complete()) else { return Ok(()) };
+        let found = self.traversals[way].drawn().leaves().map(|(place, _)| self.tessellation.leaves()[place as usize]);
+        let found = VisibleSet::from_ranges(found.map(|leaf| LeafRange::new(leaf, leaf + 1)));
+        for ((planner, figures), (_, is_cold, has_occluders)) in self.occluders.iter_mut().zip(CULLED) {
+            if is_cold {
+                *planner = culling();
+            }
+            let cost = drawing.cull(planner, projection, visible, has_occluders.then_some(&found))?;
+            figures.time_ms.push(ms(cost.time));
+            figures.triangles.push(cost.triangles);
+        }
+        Ok(())
+    }
+
     /// What was found in all frames.
     pub fn table(self, (scene, path): (&str, &str), tessellation_ms: f64) -> Result<Table> {
         let statistics = TessellationStatistics::of(self.package).context("the scene was tessellated")?;
@@ -208,6 +245,7 @@ impl<'a> Contest<'a> {
             ways: self.ways,
             drawing: self.drawing.is_some().then_some(self.drawn),
             completion: (!self.completed.rounds.is_empty()).then_some(self.completed),
+            occluders: self.occluders.into_iter().map(|(_, figures)| figures).filter(|f| !f.time_ms.is_empty()).collect(),
             pictures: self.pictures,
         })
     }

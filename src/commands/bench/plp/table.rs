@@ -19,6 +19,8 @@ pub struct Table {
     pub ways: Vec<WayFigures>,
     pub drawing: Option<DrawingFigures>,
     pub completion: Option<CompletionFigures>,
+    /// Occlusion culling, with and without an estimate's leaves drawn first.
+    pub occluders: Vec<OccluderFigures>,
     /// Of a frame in the middle, where pictures are wanted: the exact one, and each way's at the largest budget.
     #[serde(skip)]
     pub pictures: Vec<(String, image::RgbaImage)>,
@@ -61,10 +63,20 @@ pub struct BudgetFigures {
 #[derive(Default, Serialize)]
 pub struct DrawingFigures {
     pub gpu: String,
+    /// All leaves, whether in the frustum or not.
+    pub all_ms: Vec<f64>,
     /// All that is in the frustum, by leaves.
     pub whole_ms: Vec<f64>,
     /// The same by numbers of triangles.
     pub by_numbers_ms: Vec<f64>,
+}
+
+/// Frame by frame.
+#[derive(Default, Serialize)]
+pub struct OccluderFigures {
+    pub name: &'static str,
+    pub time_ms: Vec<f64>,
+    pub triangles: Vec<u64>,
 }
 
 /// Frame by frame.
@@ -133,12 +145,17 @@ impl Table {
                 && way.budgets.iter().all(|budget| !budget.draw_ms.is_empty())
             {
                 line("  drawing, ms", each(&|b| median(b.draw_ms.clone())), "");
-                line("  times as fast as the whole", each(&|b| median(ratios(&drawing.whole_ms, &b.draw_ms))), "");
+                line("  times as fast as all", each(&|b| median(ratios(&drawing.all_ms, &b.draw_ms))), "");
+                line("  as what is in the frustum", each(&|b| median(ratios(&drawing.whole_ms, &b.draw_ms))), "");
             }
         }
         if let Some(drawing) = &self.drawing {
             let by_numbers = median(ratios(&drawing.by_numbers_ms, &drawing.whole_ms));
-            say!("the whole: {:.1} ms; by numbers of triangles {by_numbers:.2} times that", median(drawing.whole_ms.clone()));
+            say!(
+                "all: {:.1} ms; in the frustum: {:.1} ms, by numbers of triangles {by_numbers:.2} times that",
+                median(drawing.all_ms.clone()),
+                median(drawing.whole_ms.clone())
+            );
         }
         if let Some(done) = &self.completion {
             say!(
@@ -149,6 +166,10 @@ impl Table {
                 mean(&done.triangles.iter().map(|count| *count as f64).collect::<Vec<_>>()),
                 done.wrong_pixels.iter().sum::<usize>()
             );
+        }
+        for way in &self.occluders {
+            let triangles: Vec<f64> = way.triangles.iter().map(|count| *count as f64).collect();
+            say!("{:<32}{:>8.1} ms{:>10.0} triangles", way.name, median(way.time_ms.clone()), mean(&triangles));
         }
         say!("");
     }
