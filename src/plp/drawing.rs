@@ -8,10 +8,9 @@ use image::RgbaImage;
 use mullion_client::frame::{Completer, FrameInput, FramePlan, PassPlan, Planner, ViewInput};
 use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
 use mullion_client::missing::WhenMissing;
-use mullion_client::parts::Parts;
 use mullion_client::plp::{Estimate, Frame, Traversal};
 use mullion_common::scene::Package;
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId};
 
 use crate::drawn::{self, Hints};
@@ -64,13 +63,23 @@ impl<'a> Drawing<'a> {
     /// # Errors
     /// When the GPU fails.
     pub fn draw_by_numbers(&mut self, projection: &Projection, visible: &VisibleSet) -> Result<Cost> {
-        let mut pass = PassPlan { opaque: visible.clone(), ..PassPlan::new(VIEW, *projection) };
+        let leaves = &self.package.scene.manifest.leaves;
+        let all = |leaf: u32| (leaf, (0..leaves[leaf as usize].triangle_count as u16).collect());
+        let parts: Vec<(u32, Vec<u16>)> = visible.leaves().map(all).collect();
+        self.draw_parts(projection, &parts)
+    }
+
+    /// Draws triangles by leaf, ascending.
+    ///
+    /// # Errors
+    /// When the GPU fails.
+    pub fn draw_parts(&mut self, projection: &Projection, of_leaves: &[(u32, Vec<u16>)]) -> Result<Cost> {
+        let mut pass = PassPlan::new(VIEW, *projection);
         let start = Instant::now();
-        let mut parts = Parts::default();
-        for leaf in visible.leaves() {
-            parts.push(leaf, 0..self.package.scene.manifest.leaves[leaf as usize].triangle_count as u16);
+        for (leaf, numbers) in of_leaves {
+            pass.opaque.push(LeafRange::new(*leaf, leaf + 1));
+            pass.parts.push(*leaf, numbers.iter().copied());
         }
-        pass.parts = parts;
         let results = self.renderer.draw(&FramePlan { passes: vec![pass] })?;
         self.renderer.wait()?;
         Ok(Cost { time: start.elapsed(), triangles: results.passes[0].triangles, rounds: 0 })

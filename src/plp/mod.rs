@@ -121,6 +121,23 @@ impl<'a> Judge<'a> {
         }
     }
 
+    /// Slots, ascending, as numbers of triangles by leaf.
+    pub fn by_leaf(&self, slots: &[u32]) -> Vec<(u32, Vec<u16>)> {
+        let mut by_leaf: Vec<(u32, Vec<u16>)> = Vec::new();
+        let mut place = 0;
+        for slot in slots {
+            while self.tessellation.slots(place).end <= *slot {
+                place += 1;
+            }
+            let (leaf, number) = (self.tessellation.leaves()[place as usize], slot - self.tessellation.slots(place).start);
+            match by_leaf.last_mut() {
+                Some((last, numbers)) if *last == leaf => numbers.push(number as u16),
+                _ => by_leaf.push((leaf, vec![number as u16])),
+            }
+        }
+        by_leaf
+    }
+
     /// Triangles whose middles are in the frustum and whose fronts are towards the eye, by how near their middles are: the paper's basis
     /// of comparison.
     pub fn nearest(&self, seen: &Seen) -> Vec<u32> {

@@ -147,6 +147,8 @@ impl<'a> Contest<'a> {
             drawing.draw(&seen.projection, visible, None)?;
         }
         self.drawn.all_ms.push(ms(drawing.draw(&seen.projection, &self.covered, None)?.time));
+        let exact = self.judge.by_leaf(seen.visible());
+        self.drawn.exact_ms.push(ms(drawing.draw_parts(&seen.projection, &exact)?.time));
         self.drawn.by_numbers_ms.push(ms(drawing.draw_by_numbers(&seen.projection, visible)?.time));
         self.drawn.whole_ms.push(ms(drawing.draw(&seen.projection, visible, None)?.time));
         let exact = drawing.picture()?;

@@ -63,6 +63,8 @@ pub struct BudgetFigures {
 #[derive(Default, Serialize)]
 pub struct DrawingFigures {
     pub gpu: String,
+    /// The visible set.
+    pub exact_ms: Vec<f64>,
     /// All leaves, whether in the frustum or not.
     pub all_ms: Vec<f64>,
     /// All that is in the frustum, by leaves.
@@ -152,9 +154,11 @@ impl Table {
         if let Some(drawing) = &self.drawing {
             let by_numbers = median(ratios(&drawing.by_numbers_ms, &drawing.whole_ms));
             say!(
-                "all: {:.1} ms; in the frustum: {:.1} ms, by numbers of triangles {by_numbers:.2} times that",
+                "all: {:.1} ms; in the frustum: {:.1} ms, by numbers of triangles {by_numbers:.2} times that; the visible set: {:.1} ms, {:.1} times as fast as all",
                 median(drawing.all_ms.clone()),
-                median(drawing.whole_ms.clone())
+                median(drawing.whole_ms.clone()),
+                median(drawing.exact_ms.clone()),
+                median(ratios(&drawing.all_ms, &drawing.exact_ms))
             );
         }
         if let Some(done) = &self.completion {
