@@ -11,6 +11,7 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
 use mullion_server::control::LiveScene;
 use mullion_server::cull::Algorithm;
+use mullion_server::master::Spent;
 use mullion_server::service::{Camera, Cull, FrameReport, Pose, ShowReport};
 use serde::Serialize;
 use tokio::sync::watch;
@@ -80,6 +81,8 @@ struct Data {
     frame_bytes: Vec<u64>,
     /// The last frame's.
     dropped_objects: u32,
+    /// Of frames that were drawn to a budget.
+    budget: Option<BudgetSummary>,
     /// The last frame's, by `ViewId`.
     sets: Vec<VisibleSet>,
     /// Leaves seen by each view, summed over the frames.
@@ -98,6 +101,7 @@ impl Record {
             frame_ms: VecDeque::new(),
             frame_bytes: vec![0; wall.nodes().len()],
             dropped_objects: 0,
+            budget: None,
             sets: vec![VisibleSet::default(); wall.views().len()],
             leaves_seen: vec![0; wall.views().len()],
         })))
@@ -140,6 +144,9 @@ impl Record {
             *sum += u64::from(*bytes);
         }
         data.dropped_objects = frame.dropped_objects;
+        if let Some(spent) = &frame.spent {
+            data.budget.get_or_insert_default().add(spent);
+        }
     }
 
     /// All of it.
@@ -174,6 +181,7 @@ impl Record {
             frame_ms: Spread::of(data.frame_ms.iter().copied()),
             frame_bytes: data.frame_bytes.iter().sum(),
             dropped_objects: data.dropped_objects,
+            budget: data.budget,
             chunk_bytes: report.chunk_bytes,
             connections_refused: report.refused,
             tiles: tiles.collect(),
@@ -225,11 +233,35 @@ pub struct Summary {
     pub frame_bytes: u64,
     /// In the last frame: those that tiles see and do not draw, for they hardly contribute.
     pub dropped_objects: u32,
+    /// Where the wall drew to a budget.
+    pub budget: Option<BudgetSummary>,
     /// Of geometry, textures and tables.
     pub chunk_bytes: u64,
     /// Connections closed for what they said or did not say.
     pub connections_refused: u64,
     pub tiles: Vec<TileSummary>,
+}
+
+/// How frames kept to a budget.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct BudgetSummary {
+    /// Of the wall's estimate in the last frame.
+    pub triangles: u32,
+    /// Frames drawn to it; in all others the camera rested, and all was drawn.
+    pub frames: u64,
+    /// Those of them whose slowest node took longer than it was to.
+    pub frames_over: u64,
+    /// The same, percent of them.
+    pub over_percent: f64,
+}
+
+impl BudgetSummary {
+    fn add(&mut self, spent: &Spent) {
+        self.triangles = spent.triangles;
+        self.frames += u64::from(!spent.is_complete);
+        self.frames_over += u64::from(spent.is_over);
+        self.over_percent = 100.0 * self.frames_over as f64 / self.frames.max(1) as f64;
+    }
 }
 
 /// What one tile saw.
@@ -276,6 +308,14 @@ impl Summary {
         say!("frame          {:.1} ms median, {:.1} ms p99, {:.1} ms p99.9", frame.median, frame.p99, frame.p999);
         if self.dropped_objects > 0 {
             say!("dropped        {} objects in the last frame, which hardly contributed", self.dropped_objects);
+        }
+        if let Some(budget) = &self.budget {
+            say!(
+                "budget         {} triangles in the last frame; {} frames were drawn to it, {:.1} % of them over time",
+                budget.triangles,
+                budget.frames,
+                budget.over_percent
+            );
         }
         say!("sent           {} bytes of frames, {} bytes of scene", self.frame_bytes, self.chunk_bytes);
     }

@@ -106,6 +106,7 @@ impl Growing {
             tessellation: None,
             insertions: vec![],
             adaptive: None,
+            estimates: None,
             session_seed: [7; 32],
         };
         let when_missing = [WhenMissing::Box, WhenMissing::Nothing][(seed % 2) as usize];
@@ -214,6 +215,7 @@ impl Growing {
             shared_eye: DVec3::new(30.0, 1.0, 20.0),
             sets: &sets,
             moved: &[moved],
+            primary: &[],
             budgets: &[],
             presence: &[],
             steering: Steering::default(),

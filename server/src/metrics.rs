@@ -61,6 +61,8 @@ pub struct Metrics {
     connected: Gauge,
     shown_by: Gauge,
     dropped: Gauge,
+    budget: Gauge,
+    over_budget: Counter,
     joined: Counter,
     left: Counter,
     stood_in: Counter,
@@ -81,8 +83,8 @@ impl Metrics {
         let histogram = || Histogram::new(exponential_buckets(FIRST_BUCKET_S, BUCKET_STEP, BUCKETS));
         let stages = Family::<OfStage, Histogram, _>::new_with_constructor(histogram as fn() -> Histogram);
         let (waited, skew) = (histogram(), histogram());
-        let [frames, joined, left, stood_in, chunk_bytes] = std::array::from_fn(|_| Counter::default());
-        let [connected, shown_by, dropped] = std::array::from_fn(|_| Gauge::default());
+        let [frames, over_budget, joined, left, stood_in, chunk_bytes] = std::array::from_fn(|_| Counter::default());
+        let [connected, shown_by, dropped, budget] = std::array::from_fn(|_| Gauge::default());
         registry.register("frames", "Frames released", frames.clone());
         registry.register_with_unit("frame_stage", "The master's work on a frame", Unit::Seconds, stages.clone());
         registry.register_with_unit("frame_wait", "From a frame's beginning to its release", Unit::Seconds, waited.clone());
@@ -98,6 +100,16 @@ impl Metrics {
             "objects_dropped",
             "Objects that no tile draws in the newest frame because they hardly contribute",
             dropped.clone(),
+        );
+        registry.register(
+            "budget_triangles",
+            "Triangles that the newest frame's estimate may spend; 0 where all is drawn",
+            budget.clone(),
+        );
+        registry.register(
+            "frames_over_budget",
+            "Frames whose slowest node took longer than the budget's time",
+            over_budget.clone(),
         );
         registry.register("node_joins", "Connections of nodes that were greeted", joined.clone());
         registry.register("node_losses", "Connections of nodes that ended", left.clone());
@@ -139,6 +151,8 @@ impl Metrics {
             connected,
             shown_by,
             dropped,
+            budget,
+            over_budget,
             joined,
             left,
             stood_in,
@@ -160,6 +174,9 @@ impl Metrics {
         self.connected.set(i64::from(frame.connected));
         self.shown_by.set(i64::from(frame.shown_by));
         self.dropped.set(i64::from(frame.dropped_objects));
+        let limits = frame.spent.filter(|spent| !spent.is_complete);
+        self.budget.set(limits.map_or(0, |spent| i64::from(spent.triangles)));
+        self.over_budget.inc_by(u64::from(limits.is_some_and(|spent| spent.is_over)));
         self.chunk_bytes.inc_by(frame.chunk_bytes.saturating_sub(self.chunk_bytes_before));
         self.chunk_bytes_before = frame.chunk_bytes;
         for node in &frame.passed_over {
@@ -218,6 +235,7 @@ impl MetricsReader {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::master::Spent;
     use mullion_common::wall::WallConfig;
     use mullion_common::wire::Stats;
 
@@ -235,6 +253,7 @@ mod tests {
                 passed_over: if number == 1 { vec![NodeIndex(1)] } else { vec![] },
                 connected: 2,
                 dropped_objects: 7,
+                spent: Some(Spent { triangles: 9000, is_over: number < 2, ..Spent::default() }),
                 chunk_bytes: 1000 * number,
                 ..FrameReport::default()
             });
@@ -254,6 +273,8 @@ mod tests {
             "mullion_swap_skew_seconds_sum 0.0005",
             "mullion_nodes_connected 2",
             "mullion_objects_dropped 7",
+            "mullion_budget_triangles 9000",
+            "mullion_frames_over_budget_total 2",
             "mullion_spares_used_total 1",
             "mullion_chunks_sent_bytes_total 2000",
             "mullion_node_passed_over_total{node=\"t1x0\"} 1",

@@ -74,6 +74,7 @@ impl Show {
             tessellation: None,
             insertions: vec![],
             adaptive: Some(adaptive),
+            estimates: None,
             session_seed: [1; 32],
         };
         let mut show = Self {
@@ -138,6 +139,7 @@ impl Show {
             shared_eye: DVec3::Z,
             sets: &self.sets,
             moved: &[],
+            primary: &[],
             budgets: &[],
             presence: &[],
             steering: Steering::default(),

@@ -58,6 +58,7 @@ impl Show {
             tessellation: None,
             insertions: vec![],
             adaptive: None,
+            estimates: None,
             session_seed: [1; 32],
         };
         let master = Master::new(wall(), options, Duration::ZERO);
@@ -104,6 +105,7 @@ impl Show {
             shared_eye: DVec3::Z,
             sets: &[VisibleSet::all(5), VisibleSet::all(self.next as u32 % 7), VisibleSet::default()],
             moved: &if self.next == 0 { vec![at(3.0)] } else { vec![] },
+            primary: &[],
             budgets: &[],
             presence: &[],
             steering: Steering::default(),

@@ -40,6 +40,7 @@ fn master() -> Master {
         tessellation: None,
         insertions: vec![],
         adaptive: None,
+        estimates: None,
         session_seed: [1; 32],
     };
     Master::new(wall, options, Duration::ZERO)
@@ -62,6 +63,7 @@ fn begin(master: &mut Master, number: u64, now: Duration) {
         shared_eye: DVec3::Z,
         sets: &[VisibleSet::all(5), VisibleSet::default()],
         moved: &[],
+        primary: &[],
         budgets: &[],
         presence: &[],
         steering: Steering::default(),

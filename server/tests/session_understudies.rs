@@ -48,6 +48,7 @@ fn master(first_frame: u64) -> Master {
         tessellation: None,
         insertions: vec![],
         adaptive: None,
+        estimates: None,
         session_seed: [1; 32],
     };
     Master::new(wall(2), options, Duration::ZERO)
@@ -96,6 +97,7 @@ fn begin_steered(
         shared_eye: DVec3::Z,
         sets: &[VisibleSet::all(5), VisibleSet::default()],
         moved,
+        primary: &[],
         budgets,
         presence,
         steering,

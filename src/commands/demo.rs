@@ -21,10 +21,12 @@ use mullion_common::scene::Package;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::Part;
 use mullion_server::cull::Algorithm;
+use mullion_server::prepare::plp::TessellateOptions;
 use mullion_server::service::{self, Rate, Show, ShowOptions, ShowReport};
 use tokio::sync::watch;
 
-use super::prepare::HowToPrepare;
+use super::budget::BudgetOptions;
+use super::prepare::{HowToPrepare, add_tessellation};
 use crate::birdseye::{self, Flight};
 use crate::camera::PathSource;
 use crate::composite::WallLayout;
@@ -63,6 +65,8 @@ pub struct Options {
     /// distance, are less than this share of the wall's (0.0001: a pixel in ten thousand). Pictures change a little.
     #[arg(long, allow_negative_numbers = true, value_name = "THRESHOLD", value_parser = show::share_of_wall)]
     adaptive: Option<f64>,
+    #[command(flatten)]
+    budget: BudgetOptions,
     /// Draw the scene from above into this file (PNG): the wall's frusta at the last frame shown in red, and in yellow the bounds of leaves
     /// in them that no tile drew. With --occlusion none all are drawn, and nothing is yellow.
     #[arg(long, value_name = "FILE")]
@@ -112,7 +116,11 @@ pub fn run(options: &Options) -> Result<()> {
     fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     options.birdseye.as_deref().map_or(Ok(()), birdseye::claim)?;
     let scene = scene_file(&options.scene, &options.out)?;
-    let package = Arc::new(open_scene(&scene, &options.how.options()?)?);
+    let mut package = open_scene(&scene, &options.how.options()?)?;
+    if options.budget.is_set() && package.scene.tessellation.is_none() {
+        add_tessellation(&mut package, &TessellateOptions::default())?;
+    }
+    let package = Arc::new(package);
     let path = path.path(&package, &wall, Some(options.frames))?;
     let display = options.window.then(Display::open).transpose()?;
     let gpu = Gpu::open(GpuOptions { display: display.as_ref().map(Display::handle), ..GpuOptions::default() })?;
@@ -195,16 +203,18 @@ fn start_master(
 ) -> JoinHandle<Result<ShowReport, service::ServiceError>> {
     let frames = options.frames;
     let (progress, noted) = (Progress::new(), record.clone());
+    let mut show_options = ShowOptions {
+        barrier_wait: BARRIER_WAIT,
+        frames: Some(frames),
+        adaptive: options.adaptive,
+        rate: Rate::AsFastAsPossible,
+        ..ShowOptions::for_wall(wall).starting_together(wall, START_WAIT)
+    };
+    options.budget.apply_to(&mut show_options);
     let show = Show {
         wall: Arc::clone(wall),
         package: Arc::clone(package),
-        options: ShowOptions {
-            barrier_wait: BARRIER_WAIT,
-            frames: Some(frames),
-            adaptive: options.adaptive,
-            rate: Rate::AsFastAsPossible,
-            ..ShowOptions::for_wall(wall).starting_together(wall, START_WAIT)
-        },
+        options: show_options,
         camera: show::camera(path, wall),
         cull: record.culler(show::culler(options.algorithm, wall, package)),
         observer: Box::new(move |frame| {

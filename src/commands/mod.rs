@@ -1,6 +1,7 @@
 //! One file a command: its options, and thin glue over the crates.
 
 pub mod bench;
+pub mod budget;
 pub mod cull;
 pub mod demo;
 pub mod enroll;

@@ -10,6 +10,7 @@ use mullion_server::cull::Algorithm;
 use mullion_server::metrics::Metrics;
 use mullion_server::service::{self, FrameReport, MasterTls, NodeEvent, Rate, Security, Show, ShowOptions};
 
+use super::budget::BudgetOptions;
 use super::prepare::HowToPrepare;
 use super::steering::Steering;
 use crate::address::{DEFAULT_PORT, with_port};
@@ -56,6 +57,8 @@ pub struct Options {
     /// distance, are less than this share of the wall's (0.0001: a pixel in ten thousand). Pictures change a little.
     #[arg(long, allow_negative_numbers = true, value_name = "THRESHOLD", value_parser = show::share_of_wall)]
     adaptive: Option<f64>,
+    #[command(flatten)]
+    budget: BudgetOptions,
     /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.
     #[arg(long, default_value = "sweep")]
     algorithm: Algorithm,
@@ -106,6 +109,12 @@ pub fn run(options: &Options) -> Result<()> {
     options.report.as_deref().map_or(Ok(()), claim)?;
     options.steering.check(options.standby_of.as_deref())?;
     let package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
+    ensure!(
+        !options.budget.is_set() || package.scene.tessellation.is_some(),
+        "{}: {} has no tessellation: prepare it with `mullion prepare --plp`",
+        options.budget.name(),
+        options.scene.display()
+    );
     let listener = TcpListener::bind(options.listen).with_context(|| format!("cannot listen on {}", options.listen))?;
     let address = listener.local_addr()?;
     if options.insecure && !address.ip().is_loopback() {
@@ -126,6 +135,7 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.frames = options.frames;
     show_options.standby_of = options.standby_of.as_deref().map(with_port);
     show_options.adaptive = options.adaptive;
+    options.budget.apply_to(&mut show_options);
     show_options.insert_from = options.steering.packages()?;
     show_options.rate = if rate_hz == 0.0 { Rate::AsFastAsPossible } else { Rate::Hz(rate_hz) };
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);
@@ -174,7 +184,12 @@ pub fn run(options: &Options) -> Result<()> {
         progress.show("showing", shown, total.unwrap_or(shown));
         if !progress.is_visible() && told.is_none_or(|at| at.elapsed() >= TELL_EVERY) {
             told = Some(Instant::now());
-            progress.line(&format!("frame {shown}{of_total}: {} of {} nodes show it", frame.shown_by, node_names.len()));
+            let spent = match frame.spent {
+                Some(spent) if spent.is_complete => ", with all that they see".to_owned(),
+                Some(spent) => format!(", to {} triangles", spent.triangles),
+                None => String::new(),
+            };
+            progress.line(&format!("frame {shown}{of_total}: {} of {} nodes show it{spent}", frame.shown_by, node_names.len()));
         }
         noted.note(frame);
         board.note(frame);

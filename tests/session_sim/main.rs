@@ -199,6 +199,7 @@ impl Sim {
             tessellation: None,
             insertions: vec![],
             adaptive,
+            estimates: None,
             session_seed: [7; 32],
         };
         let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name, setting)).collect();
@@ -622,6 +623,7 @@ impl Sim {
             shared_eye: DVec3::new(number as f64, 0.2, 1.5),
             sets: &sets,
             moved: &moved,
+            primary: &[],
             budgets: &[],
             presence: &[],
             steering: Steering::default(),

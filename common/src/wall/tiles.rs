@@ -159,6 +159,18 @@ impl Wall {
         self.screens.iter().try_for_each(check)
     }
 
+    /// Of how many pixels a length is, on the wall's finest tile, that is as far from an eye (room space, before the wall) as it is long: above 0.
+    pub fn pixels_per_radian(&self, eye: DVec3) -> f64 {
+        let of_tile = |tile: &Tile| {
+            let [bottom_left, bottom_right, top_left] = tile.corners;
+            let (across, up) = (bottom_right - bottom_left, top_left - bottom_left);
+            let distance_m = across.cross(up).normalize().dot(eye - bottom_left).abs().max(self.near_m);
+            let [columns, rows] = tile.size_px.map(f64::from);
+            distance_m * (columns / across.length()).max(rows / up.length())
+        };
+        self.tiles.iter().map(of_tile).fold(0.0, f64::max)
+    }
+
     /// What a view sees, in the world. `eye` in room space.
     pub fn frustum(&self, view: ViewId, eye: DVec3, world_from_room: &DAffine3) -> Frustum {
         let tile = self.tile(self.views[usize::from(view.0)].tile);
@@ -192,5 +204,23 @@ impl Screen {
             bottom_left + across * right + up * bottom,
             bottom_left + across * left + up * top,
         ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::WallConfig;
+    use super::*;
+
+    #[test]
+    fn the_finest_tile_is_the_one_whose_pixels_are_smallest_from_where_the_eye_is() {
+        let text = "eye = [0.0, 1.0, 0.0]\n\n[[screens]]\nname = \"coarse\"\nbottom_left = [-1.0, 0.0, -1.0]\nbottom_right = [1.0, 0.0, -1.0]\n\
+                    top_left = [-1.0, 2.0, -1.0]\ntile_px = [100, 50]\n\n[[screens]]\nname = \"fine\"\nbottom_left = [3.0, 0.0, -1.0]\n\
+                    bottom_right = [3.0, 0.0, 1.0]\ntop_left = [3.0, 2.0, -1.0]\ntile_px = [40, 60]\n";
+        let wall = WallConfig::parse(text).expect("a wall");
+        let from = |x: f64, z: f64| wall.pixels_per_radian(DVec3::new(x, 1.0, z));
+        assert!((from(0.0, 0.0) - 3.0 * 60.0 / 2.0).abs() < 1e-9, "it is three metres away, with 30 rows a metre");
+        assert!((from(2.9, 0.0) - 1.0 * 100.0 / 2.0).abs() < 1e-9, "now the other is finer");
+        assert!(from(3.0, -1.0) > 0.0, "in both planes");
     }
 }

@@ -442,7 +442,7 @@ fn side_of(view: &Frustum, plane: &Plane) -> Containment {
 }
 
 /// Whether a side of one view's frustum has all views inside.
-fn holds_all(room: &[Frustum], view: u16, side: FrustumSide) -> bool {
+pub(super) fn holds_all(room: &[Frustum], view: u16, side: FrustumSide) -> bool {
     let plane = room[usize::from(view)].plane(side);
     room.iter().all(|f| match side {
         FrustumSide::Near => near_holds(f, plane),
@@ -451,7 +451,7 @@ fn holds_all(room: &[Frustum], view: u16, side: FrustumSide) -> bool {
 }
 
 /// The sides of the views' frusta that have every view inside, each plane once.
-fn primary_sides(room: &[Frustum]) -> Vec<(u16, FrustumSide)> {
+pub(super) fn primary_sides(room: &[Frustum]) -> Vec<(u16, FrustumSide)> {
     const MAX_PLANES: usize = 8;
     let mut sides: Vec<(u16, FrustumSide)> = Vec::new();
     for (view, side) in (0..room.len() as u16).flat_map(|v| ALL_SIDES.map(|side| (v, side))) {

@@ -12,6 +12,7 @@ mod oh;
 mod oh_plain;
 pub mod oracle;
 mod overlap;
+mod primary;
 pub mod shadow;
 mod sweep;
 
@@ -26,6 +27,7 @@ use crate::tree::{CullTree, TreeForm};
 
 pub use frustum_hierarchy::{FrustumHierarchy, FrustumNode, Guards, Split};
 pub use overlap::Overlap;
+pub use primary::PrimaryFrustum;
 
 /// How to cull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

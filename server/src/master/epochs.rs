@@ -12,7 +12,7 @@ use mullion_common::scene::SectionKind;
 use mullion_common::wire::{Bye, ByeCode, Insertion, MAX_SECTIONS, Manifest, SectionRef, ToTile};
 use thiserror::Error;
 
-use super::{Kind, Master, ObjectLeaves, PeerId, Phase};
+use super::{Kind, Master, ObjectLeaves, PeerId, Phase, WallBudget};
 use crate::swap_barrier::{NodeIndex, Standing};
 
 /// How long a standby may take to prepare for an epoch before nodes are told of it nevertheless, and how long live nodes may take then
@@ -125,6 +125,13 @@ impl Master {
     pub fn know_objects(&mut self, objects: Arc<ObjectLeaves>) {
         if let Some(contributions) = &mut self.contributions {
             contributions.grow(objects);
+        }
+    }
+
+    /// The scene that frames are of from now on has so many triangles, and this budget.
+    pub fn know_triangles(&mut self, budget: WallBudget, scene_triangles: u32) {
+        if let Some(estimates) = &mut self.estimates {
+            estimates.grow(budget, scene_triangles);
         }
     }
 

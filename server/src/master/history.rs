@@ -83,6 +83,16 @@ impl History {
         self.past.back().map(|past| past.number)
     }
 
+    /// Whether nothing has moved, come or gone since the newest frame: not the room, no eye, no object.
+    pub fn is_as_before(&self, input: &FrameInput<'_>) -> bool {
+        let stays = |moved: &Moved| self.place_of.get(&moved.object).is_some_and(|place| self.moved[*place].moved == *moved);
+        self.newest().is_some()
+            && self.world_from_room == input.world_from_room
+            && self.eyes == input.eyes
+            && input.presence.is_empty()
+            && input.moved.iter().all(stays)
+    }
+
     /// Makes `course` that of the newest frame, for a standby that has acknowledged `acked`; false before the first.
     pub fn course(&self, acked: Option<u64>, epoch: u32, course: &mut Course) -> bool {
         let Some(newest) = self.newest() else { return false };

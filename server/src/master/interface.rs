@@ -3,11 +3,12 @@
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
+use mullion_common::geometry::Plane;
 use mullion_common::scene::{ObjectId, Presence};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wire::{Budget, Bye, Insertion, Moved, SectionRef, Shown, Steering};
 
-use super::{Adaptive, Message, PeerId};
+use super::{Adaptive, EstimateOptions, Message, PeerId, Spent};
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
 
 /// When frames are wanted.
@@ -39,6 +40,8 @@ pub struct MasterOptions {
     pub insertions: Vec<Insertion>,
     /// What hardly contributes is drawn on no tile; `None`: all that is seen is drawn.
     pub adaptive: Option<Adaptive>,
+    /// Estimates of what is visible are drawn, within a budget; `None`: all that is seen is drawn. For scenes with a tessellation.
+    pub estimates: Option<EstimateOptions>,
     /// Makes session numbers unguessable: random bytes, fresh for each run.
     pub session_seed: [u8; 32],
 }
@@ -60,6 +63,9 @@ pub struct FrameInput<'a> {
     pub sets: &'a [VisibleSet],
     /// Objects that have another transform than in the frame before.
     pub moved: &'a [Moved],
+    /// Planes of the primary frustum in the world, with all that any view sees on their positive side; at most
+    /// [`MAX_PRIMARY_PLANES`](mullion_common::wire::MAX_PRIMARY_PLANES). Only estimates are for them.
+    pub primary: &'a [Plane],
     /// What each view may spend; empty: nothing is limited.
     pub budgets: &'a [Budget],
     /// Objects that come or go with all below them, in this order: for standbys. Nodes are told by what views see.
@@ -144,4 +150,6 @@ pub struct FrameReleased {
     pub passed_over: Vec<NodeIndex>,
     /// Nodes that show it.
     pub shown_by: u32,
+    /// What it spent, where the wall draws to a budget.
+    pub spent: Option<Spent>,
 }

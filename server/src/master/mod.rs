@@ -11,6 +11,7 @@
 mod adaptive;
 mod admission;
 mod epochs;
+mod estimates;
 mod history;
 mod interface;
 mod last_words;
@@ -21,6 +22,7 @@ mod sessions;
 mod spares;
 mod standbys;
 mod standing;
+mod throughput;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -41,6 +43,8 @@ pub use admission::Admission;
 use admission::Claim;
 use epochs::NextEpoch;
 pub use epochs::{EPOCH_WAIT, EpochError};
+use estimates::Estimates;
+pub use estimates::{EstimateOptions, LATE_ANSWERS, REST_FRAMES, Spent, WallBudget};
 use history::History;
 pub use interface::{FrameInput, FrameReleased, MasterOptions, Output, Pace, Stage};
 pub(crate) use last_words::LastWords;
@@ -51,6 +55,7 @@ pub use spares::SPARE_AFTER;
 use spares::Spare;
 use standbys::Standby;
 pub use standbys::{MAX_STANDBYS, TELL_STANDBYS_EVERY};
+pub use throughput::{AIM, FIRST_TRIANGLES, LEAST_TRIANGLES};
 
 /// Most connections that have not said yet who they are, beside one for each node of the wall.
 pub const MAX_UNNAMED: usize = 64;
@@ -135,6 +140,7 @@ pub struct Master {
     barrier: SwapBarrier,
     history: History,
     contributions: Option<Contributions>,
+    estimates: Option<Estimates>,
     phase: Phase,
     pulse: Pulse,
     /// When the newest frame was due.
@@ -162,6 +168,7 @@ impl Master {
         let nodes: Vec<NodeState> = wall.nodes().iter().map(node_of).collect();
         Self {
             barrier: SwapBarrier::new(nodes.len(), options.barrier.clone()),
+            estimates: options.estimates.clone().map(|estimates| Estimates::new(estimates, nodes.len())),
             contributions: options.adaptive.clone().map(|adaptive| Contributions::new(&wall, adaptive)),
             wall,
             admission: Admission::default(),
@@ -255,8 +262,11 @@ impl Master {
         let Some(connection) = &mut state.connection else { return };
         connection.heard = now;
         match message {
-            ToMaster::Ready { frame, shown, .. } => match self.barrier.ready(node, frame, now) {
+            ToMaster::Ready { frame, draw_us, shown } => match self.barrier.ready(node, frame, now) {
                 Some(show_now) => {
+                    if let Some(estimates) = &mut self.estimates {
+                        estimates.take_ready(node, frame, draw_us, show_now, now);
+                    }
                     self.outputs.extend(shown.map(|shown| Output::Shown { node, shown }));
                     connection.acked = connection.acked.max(Some(frame));
                     self.hold_back_unprepared(node);
@@ -340,6 +350,9 @@ impl Master {
         if let Some(contributions) = &mut self.contributions {
             contributions.decide(input.number, input.eyes, input.sets);
         }
+        if let Some(estimates) = &mut self.estimates {
+            estimates.begin(input, self.history.is_as_before(input), &self.wall, now);
+        }
         let nothing = VisibleSet::default();
         self.history.push(input, self.contributions.as_ref().map_or(&nothing, Contributions::dropped));
         self.next_frame += 1;
@@ -421,6 +434,9 @@ impl Master {
         if let Some(contributions) = &mut self.contributions {
             contributions.join(&self.nodes[index].views, self.next_frame);
         }
+        if let Some(estimates) = &mut self.estimates {
+            estimates.join(node);
+        }
         let welcome = Welcome {
             version: PROTOCOL_VERSION,
             session,
@@ -451,8 +467,9 @@ impl Master {
                 self.nodes[usize::from(node.0)].passed_over += 1;
             }
             let (number, waited, passed_over) = (release.number, release.waited, release.passed_over);
+            let spent = self.estimates.as_mut().map(|estimates| estimates.release(&passed_over));
             let due = self.beat;
-            self.outputs.push_back(Output::FrameReleased(FrameReleased { number, due, waited, passed_over, shown_by }));
+            self.outputs.push_back(Output::FrameReleased(FrameReleased { number, due, waited, passed_over, shown_by, spent }));
             let due = match self.options.pace {
                 Pace::AsFastAsPossible => now,
                 Pace::Every(period) => (self.beat + period).max(now),
@@ -483,6 +500,9 @@ impl Master {
         let Some(connection) = &state.connection else { return };
         let mut frame = std::mem::take(&mut self.scratch);
         self.history.write(&state.views, connection.acked, self.epoch, &mut frame);
+        if let Some(estimates) = &self.estimates {
+            frame.estimate.get_or_insert_default().clone_from(estimates.order());
+        }
         is_done(Stage::Diff);
         let mut bytes = self.pool.pop().unwrap_or_default();
         let result = frame.encode(&mut bytes);

@@ -36,6 +36,8 @@ pub(super) struct Joined {
     pub objects: Range<u32>,
     /// Of the whole scene.
     pub object_leaves: Arc<ObjectLeaves>,
+    /// Of the whole scene.
+    pub triangles: u32,
     pub part: Arc<Part>,
     /// What nodes fetch of the part.
     pub sections: Vec<SectionRef>,
@@ -49,8 +51,15 @@ impl Joined {
         let (part, sections) = Part::since(before, &package)?;
         let objects = before.new_objects(&package.scene.manifest.size());
         let object_leaves = Arc::new(ObjectLeaves::of(&package.scene.manifest));
-        Ok(Self { insertion, package, objects, object_leaves, part: Arc::new(part), sections })
+        let triangles = triangles(&package);
+        Ok(Self { insertion, package, objects, object_leaves, triangles, part: Arc::new(part), sections })
     }
+}
+
+/// Triangles that a scene shows, each instance's for itself; as far as a `u32` goes.
+fn triangles(package: &Package) -> u32 {
+    let leaves = &package.scene.manifest.leaves;
+    leaves.iter().fold(0, |sum, leaf| sum.saturating_add(leaf.triangle_count))
 }
 
 /// Why a standby's scene does not grow as its master's.
@@ -104,6 +113,11 @@ impl Grown {
     /// Takes as long as there are leaves.
     pub fn object_leaves(&self) -> Arc<ObjectLeaves> {
         Arc::new(ObjectLeaves::of(&self.package.scene.manifest))
+    }
+
+    /// Takes as long as there are leaves.
+    pub fn triangles(&self) -> u32 {
+        triangles(&self.package)
     }
 
     pub fn sections(&self) -> &[SectionRef] {

@@ -166,6 +166,9 @@ impl Service {
         if let Some(offer) = begins {
             self.master.enter_epoch();
             self.master.know_objects(Arc::clone(&offer.joined.object_leaves));
+            if let Some(budget) = self.show.options.budget {
+                self.master.know_triangles(budget.of(offer.joined.triangles), offer.joined.triangles);
+            }
             self.grown.grow(&offer.joined);
             // It is seen, whatever it is part of was removed; masters after this one hear of it.
             pose.presence.insert(0, (ObjectId(offer.objects().start), Presence::There));

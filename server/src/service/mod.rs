@@ -35,8 +35,10 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
+use crate::cull::PrimaryFrustum;
 use crate::master::{
-    Adaptive, Admission, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId, Stage,
+    Adaptive, Admission, EstimateOptions, FrameInput, FrameReleased, MAX_UNNAMED, Master, MasterOptions, Output, Pace, PeerId,
+    Stage,
 };
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
 use blobs::Blobs;
@@ -50,7 +52,9 @@ pub use network::{Connecting, Connector, Listener, Reader, Socket, Writer};
 pub use pose::Pose;
 pub use report::{FrameReport, NodeEvent, ShowReport};
 use scenes::Scenes;
-pub use show::{BARRIER_GRACE, Camera, Cull, NodeObserver, Observer, Rate, ServiceError, Show, ShowOptions, ShownObserver};
+pub use show::{
+    BARRIER_GRACE, Camera, Cull, NodeObserver, Observer, Rate, ServiceError, Show, ShowBudget, ShowOptions, ShownObserver,
+};
 pub use succession::{Heritage, Succession};
 pub use transport::{MasterTls, Security, SecurityError};
 
@@ -93,9 +97,7 @@ pub async fn serve_over(mut listener: impl Listener, mut show: Show) -> Result<S
         Rate::Hz(hz) if hz.is_finite() && hz > 0.0 => Pace::Every(Duration::from_secs_f64(1.0 / hz)),
         Rate::Hz(hz) => return Err(ServiceError::Rate(hz)),
     };
-    if let Some(threshold) = show.options.adaptive.filter(|threshold| !(*threshold > 0.0 && *threshold <= 1.0)) {
-        return Err(ServiceError::Adaptive(threshold));
-    }
+    show.check()?;
     let first = Grown::new(Arc::clone(&show.package))?;
     let identity = StandbyHello::of(&show.wall, first.sections()).map_err(io::Error::other)?;
     let mut other = show.options.standby_of.clone();
@@ -154,6 +156,8 @@ struct Service {
     live_nodes: Arc<AtomicU32>,
     started: Instant,
     sets: Vec<VisibleSet>,
+    /// Where frames draw to a budget.
+    primary: Option<PrimaryFrustum>,
     max_connections: usize,
     links: BTreeMap<PeerId, Link>,
     tasks: JoinSet<()>,
@@ -231,6 +235,10 @@ impl Service {
             tessellation: grown.tessellation(),
             insertions: grown.insertions().to_vec(),
             adaptive: show.options.adaptive.map(|threshold| Adaptive { threshold, objects: grown.object_leaves() }),
+            estimates: show.options.budget.map(|budget| {
+                let (scene_triangles, completes) = (grown.triangles(), show.options.completes);
+                EstimateOptions { budget: budget.of(scene_triangles), scene_triangles, completes }
+            }),
             session_seed,
         };
         let admission = match show.options.security {
@@ -248,6 +256,7 @@ impl Service {
             live_nodes: Arc::default(),
             started: Instant::now(),
             sets: vec![VisibleSet::default(); show.wall.views().len()],
+            primary: show.options.budget.map(|_| PrimaryFrustum::new(&show.wall)),
             max_connections: MAX_UNNAMED + 3 * show.wall.nodes().len(),
             links: BTreeMap::new(),
             tasks: JoinSet::new(),
@@ -501,6 +510,9 @@ impl Service {
         let before_cull = std::time::Instant::now();
         tracing::debug_span!("cull").in_scope(|| (self.show.cull)(&pose, &mut self.sets));
         self.frame.cull = before_cull.elapsed();
+        if let Some(primary) = &mut self.primary {
+            primary.place(&self.show.wall, &pose.eyes, &pose.world_from_room);
+        }
         let input = FrameInput {
             number,
             scene_time_s: pose.scene_time_s,
@@ -509,6 +521,7 @@ impl Service {
             shared_eye: pose.shared_eye(),
             sets: &self.sets,
             moved: &pose.moved,
+            primary: self.primary.as_ref().map_or(&[], PrimaryFrustum::planes),
             budgets: &pose.budgets,
             presence: &pose.presence,
             steering: pose.steering,
@@ -537,6 +550,7 @@ impl Service {
         frame.passed_over = released.passed_over;
         frame.shown_by = released.shown_by;
         frame.dropped_objects = self.master.dropped_objects();
+        frame.spent = released.spent;
         frame.connected = self.master.connected() as u32;
         self.live_nodes.store(self.master.live_nodes(), Ordering::Relaxed);
         frame.standings.clear();

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use mullion_common::wire::Stats;
 
+use crate::master::Spent;
 use crate::swap_barrier::{NodeIndex, Standing};
 
 /// A node comes or goes.
@@ -57,6 +58,8 @@ pub struct FrameReport {
     pub standings: Vec<Standing>,
     /// Objects that no tile draws in it, though some see them: they hardly contribute.
     pub dropped_objects: u32,
+    /// What it spent, where the wall draws to a budget.
+    pub spent: Option<Spent>,
     /// Nodes connected.
     pub connected: u32,
     /// Nodes that were told to show it.

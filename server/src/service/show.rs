@@ -13,6 +13,7 @@ use tokio::sync::watch;
 
 use super::{Connector, FrameReport, NodeEvent, Pose, Security, Succession};
 use crate::library::Library;
+use crate::master::WallBudget;
 use crate::swap_barrier::NodeIndex;
 
 /// What the bounded wait gives beyond a frame's time, for the way there and back.
@@ -25,6 +26,39 @@ pub enum Rate {
     AsFastAsPossible,
     /// So many, evenly; more than 0.
     Hz(f64),
+}
+
+/// What a wall may spend on a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ShowBudget {
+    /// So many triangles, more than 0.
+    Triangles(u32),
+    /// So many percent of the scene's triangles: more than 0, at most 100.
+    Percent(f64),
+    /// As many triangles as the slowest node draws in so many microseconds, more than 0.
+    TimeUs(u32),
+}
+
+impl ShowBudget {
+    fn check(self) -> Result<(), ServiceError> {
+        match self {
+            Self::Triangles(0) => Err(ServiceError::Budget("0 triangles; there must be more".to_owned())),
+            Self::TimeUs(0) => Err(ServiceError::Budget("0 µs; there must be more".to_owned())),
+            Self::Percent(percent) if !(percent > 0.0 && percent <= 100.0) => {
+                Err(ServiceError::Budget(format!("{percent} %; it must be more than 0, and at most 100")))
+            }
+            Self::Triangles(_) | Self::TimeUs(_) | Self::Percent(_) => Ok(()),
+        }
+    }
+
+    /// Of a scene with so many triangles.
+    pub(super) fn of(self, scene_triangles: u32) -> WallBudget {
+        match self {
+            Self::Triangles(triangles) => WallBudget::Triangles(triangles),
+            Self::Percent(percent) => WallBudget::Triangles((f64::from(scene_triangles) * percent / 100.0).max(1.0) as u32),
+            Self::TimeUs(time_us) => WallBudget::TimeUs(time_us),
+        }
+    }
 }
 
 /// How a show runs.
@@ -49,6 +83,10 @@ pub struct ShowOptions {
     /// What contributes less to the wall's picture than this share of its pixels, weighted by distance, is drawn on no tile: more than 0, at
     /// most 1. `None`: all that is seen is drawn.
     pub adaptive: Option<f64>,
+    /// What the wall may spend on a frame's estimate of what is visible, for packages with a tessellation. `None`: all that is seen is drawn.
+    pub budget: Option<ShowBudget>,
+    /// Whether all that is seen is drawn when the camera rests, whatever the budget.
+    pub completes: bool,
     /// Packages that other masters may insert: a standby must have what its master's scene grows by.
     pub insert_from: Option<Library>,
     /// Makes session numbers unguessable; `None`: random bytes, fresh for each run. Fixed ones let a simulation be run again.
@@ -70,6 +108,8 @@ impl ShowOptions {
             standby_of: None,
             connector: Connector::default(),
             adaptive: None,
+            budget: None,
+            completes: true,
             insert_from: None,
             session_seed: None,
             succession: Succession::default(),
@@ -81,6 +121,19 @@ impl ShowOptions {
         self.start_nodes = (0..wall.nodes().len() as u16).map(NodeIndex).collect();
         self.start_wait = wait;
         self
+    }
+}
+
+impl Show {
+    /// Whether its numbers are in their ranges, and its scene is one for them.
+    pub(super) fn check(&self) -> Result<(), ServiceError> {
+        let ShowOptions { adaptive, budget, .. } = &self.options;
+        if let Some(threshold) = adaptive.filter(|threshold| !(*threshold > 0.0 && *threshold <= 1.0)) {
+            return Err(ServiceError::Adaptive(threshold));
+        }
+        budget.map_or(Ok(()), ShowBudget::check)?;
+        let lacks_tessellation = budget.is_some() && self.package.scene.tessellation.is_none();
+        if lacks_tessellation { Err(ServiceError::NoTessellation) } else { Ok(()) }
     }
 }
 
@@ -137,6 +190,10 @@ pub enum ServiceError {
     Rate(f64),
     #[error("adaptive: {0} of the wall; it must be more than 0, and at most 1")]
     Adaptive(f64),
+    #[error("budget: {0}")]
+    Budget(String),
+    #[error("budget: the scene has no tessellation; prepare it with --plp")]
+    NoTessellation,
     #[error("frame {frame}: {problem}")]
     Pose { frame: u64, problem: String },
     #[error("the master to stand by for refused: {0}")]

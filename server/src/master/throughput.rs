@@ -1,0 +1,269 @@
+//! How many triangles a wall has time for: from what nodes say that drawing took, to the triangles of the next frame.
+//!
+//! What a frame takes grows with its triangles, from some fixed time on. So the triangles that would take the time that is aimed at are
+//! sought in proportion: `wished = drawn · aim / took`, which is right where nothing is fixed, and goes the right way, too short, where
+//! something is: from there on the next frames go on. The median of the last three wishes is followed, so that one hiccup is none: at once
+//! where it is far away, slowly where it may be noise, and ever more where it stays on one side. What is given out moves in steps of a
+//! sixteenth of an octave, and only where it is off by most of one: a picture at rest stays what it is.
+
+/// What is aimed at, as a share of the time there is: times differ by a few percent from frame to frame.
+pub const AIM: f64 = 0.9;
+/// The least triangles that are asked for, where the scene has so many: what does not fit the time with these has something else to blame.
+pub const LEAST_TRIANGLES: u32 = 1024;
+/// The triangles of the first frame, before anything is known.
+pub const FIRST_TRIANGLES: u32 = 20_000;
+/// A step of what is given out: log of the triangles, 4.4 %.
+const STEP: f64 = std::f64::consts::LN_2 / 16.0;
+/// By how many steps that must be off before it moves.
+const STAYS_WITHIN: f64 = 0.75;
+/// Wishes further away than that are followed at once: log of the triangles, 15 %.
+const FAR: f64 = 0.15;
+/// Nearer ones are followed by a share. It grows with each that is on the same side as the one before, but for the first few: what is fixed
+/// makes wishes too short.
+const SHARE_WHEN_NEAR: f64 = 0.1;
+const SAME_BY_CHANCE: u32 = 6;
+/// Most that a frame moves down and up: log of the triangles, to a half and by a half.
+const MOST_DOWN: f64 = std::f64::consts::LN_2;
+const MOST_UP: f64 = 0.405;
+
+/// Finds the triangles that a time allows. All in the logarithm of triangles.
+#[derive(Debug)]
+pub(super) struct Throughput {
+    /// Of the time aimed at, microseconds.
+    aim: f64,
+    /// Least and most.
+    range: (f64, f64),
+    /// What is followed.
+    level: f64,
+    /// What is given out, in steps.
+    given: f64,
+    /// The last wishes, the newest last.
+    wishes: [f64; 3],
+    known: usize,
+    /// How many wishes in a row were on the side of the last one.
+    same: u32,
+    side: f64,
+    /// The smallest wish since a frame ended.
+    newest: Option<f64>,
+}
+
+impl Throughput {
+    /// For frames that take so long, more than 0, of a scene that has so many triangles.
+    pub fn new(time_us: u32, scene_triangles: u32) -> Self {
+        let aim = (f64::from(time_us.max(1)) * AIM).ln();
+        let level = f64::from(FIRST_TRIANGLES).ln();
+        let (range, wishes) = ((0.0, 0.0), [0.0; 3]);
+        let mut new = Self { aim, range, level, given: 0.0, wishes, known: 0, same: 0, side: 0.0, newest: None };
+        new.set_most(scene_triangles);
+        new.given = (new.level / STEP).round();
+        new
+    }
+
+    /// The scene has so many triangles now.
+    pub fn set_most(&mut self, scene_triangles: u32) {
+        let most = scene_triangles.max(1);
+        self.range = (f64::from(most.min(LEAST_TRIANGLES)).ln(), f64::from(most).ln());
+        self.level = self.level.clamp(self.range.0, self.range.1);
+    }
+
+    /// The triangles of the next frame.
+    pub fn triangles(&self) -> u32 {
+        (self.given * STEP).clamp(self.range.0, self.range.1).exp().round() as u32
+    }
+
+    /// A node took so long for a frame of so many triangles: of those of a frame, the one that wishes for least counts.
+    pub fn take(&mut self, triangles: u32, draw_us: u32) {
+        let wish = f64::from(triangles.max(1)).ln() + self.aim - f64::from(draw_us.max(1)).ln();
+        self.newest = Some(self.newest.map_or(wish, |least| least.min(wish)));
+    }
+
+    /// A frame is over: follows what was taken since the last one, if anything was.
+    pub fn follow(&mut self) {
+        let Some(wish) = self.newest.take() else { return };
+        self.wishes.rotate_left(1);
+        self.wishes[2] = wish;
+        self.known = (self.known + 1).min(self.wishes.len());
+        let mut sorted = self.wishes;
+        let sorted = &mut sorted[self.wishes.len() - self.known..];
+        sorted.sort_unstable_by(f64::total_cmp);
+        let away = sorted[(self.known - 1) / 2] - self.level;
+        self.same = if self.side == away.signum() { self.same.saturating_add(1) } else { 0 };
+        self.side = away.signum();
+        let is_far = away.abs() > FAR;
+        let share_when_near = SHARE_WHEN_NEAR * f64::from(1 + self.same.saturating_sub(SAME_BY_CHANCE));
+        let share = if is_far { 1.0 } else { share_when_near.min(1.0) };
+        self.level = (self.level + (share * away).clamp(-MOST_DOWN, MOST_UP)).clamp(self.range.0, self.range.1);
+        let steps = self.level / STEP - self.given;
+        if steps.abs() > STAYS_WITHIN {
+            self.given += if is_far { steps.round() } else { steps.signum() };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TIME_US: u32 = 10_000;
+    const SCENE: u32 = 50_000_000;
+    /// Frames in which a wall that begins, or whose costs have doubled, comes to keep its time.
+    const KEEPS_TIME_WITHIN: usize = 8;
+    /// Frames in which it has come as near to it as it will: long where almost all of the time is fixed.
+    const SETTLES_WITHIN: usize = 200;
+    /// Frames in which one that cannot keep its time comes to the least.
+    const FALLS_WITHIN: usize = 25;
+    const NOISE: f64 = 0.05;
+
+    /// A node that takes a fixed time and more for each triangle, give or take 5 %.
+    struct Model {
+        state: u64,
+        fixed_us: f64,
+        triangle_us: f64,
+    }
+
+    impl Model {
+        fn new(seed: u64, fixed_us: f64, triangle_us: f64) -> Self {
+            Self { state: seed, fixed_us, triangle_us }
+        }
+
+        /// SplitMix64, from 0 up to 1.
+        fn random(&mut self) -> f64 {
+            self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let z = (self.state ^ (self.state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            ((z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb) >> 11) as f64 / (1u64 << 53) as f64
+        }
+
+        fn draw_us(&mut self, triangles: u32) -> u32 {
+            let noise = 1.0 + NOISE * (2.0 * self.random() - 1.0);
+            ((self.fixed_us + self.triangle_us * f64::from(triangles)) * noise) as u32
+        }
+
+        /// Triangles and times of so many frames.
+        fn draw(&mut self, throughput: &mut Throughput, frames: usize) -> Vec<(u32, u32)> {
+            let mut frame = || {
+                let triangles = throughput.triangles();
+                let draw_us = self.draw_us(triangles);
+                throughput.take(triangles, draw_us);
+                throughput.follow();
+                (triangles, draw_us)
+            };
+            (0..frames).map(|_| frame()).collect()
+        }
+    }
+
+    /// Fixed time, time for a triangle, microseconds; the fixed time of the last is all but what is aimed at.
+    const NODES: [(f64, f64); 5] = [(100.0, 0.05), (1000.0, 0.01), (5000.0, 0.002), (8000.0, 0.001), (8700.0, 0.0005)];
+
+    fn is_over(draw_us: u32) -> bool {
+        f64::from(draw_us) > 1.1 * f64::from(TIME_US)
+    }
+
+    #[test]
+    fn the_time_is_used_and_kept() {
+        for (fixed_us, triangle_us) in NODES {
+            for seed in 0..50 {
+                let mut throughput = Throughput::new(TIME_US, SCENE);
+                let mut model = Model::new(seed, fixed_us, triangle_us);
+                let frames = model.draw(&mut throughput, 2 * SETTLES_WITHIN);
+                let node = format!("{fixed_us} + {triangle_us} a triangle, seed {seed}");
+                let late = frames.iter().skip(KEEPS_TIME_WITHIN).position(|(_, draw_us)| is_over(*draw_us));
+                assert_eq!(late, None, "{node}");
+                let settled = &frames[SETTLES_WITHIN..];
+                let mean = settled.iter().map(|(_, draw_us)| f64::from(*draw_us)).sum::<f64>() / settled.len() as f64;
+                assert!((0.86..0.93).contains(&(mean / f64::from(TIME_US))), "{node}: {mean} us");
+                assert!(settled.iter().all(|(_, draw_us)| *draw_us <= TIME_US), "{node}");
+            }
+        }
+    }
+
+    #[test]
+    fn costs_that_double_are_met_within_a_few_frames() {
+        for (fixed_us, triangle_us) in NODES {
+            for seed in 0..50 {
+                let mut throughput = Throughput::new(TIME_US, SCENE);
+                let mut model = Model::new(seed, fixed_us, triangle_us);
+                model.draw(&mut throughput, SETTLES_WITHIN);
+                model.triangle_us *= 2.0;
+                let after = model.draw(&mut throughput, SETTLES_WITHIN);
+                let late = after.iter().skip(KEEPS_TIME_WITHIN).position(|(_, draw_us)| is_over(*draw_us));
+                assert_eq!(late, None, "{fixed_us} + {triangle_us} a triangle, seed {seed}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_picture_whose_costs_stay_stays_too() {
+        for (fixed_us, triangle_us) in NODES {
+            let (mut changes, mut frames) = (0, 0);
+            for seed in 0..50 {
+                let mut throughput = Throughput::new(TIME_US, SCENE);
+                let mut model = Model::new(seed, fixed_us, triangle_us);
+                model.draw(&mut throughput, SETTLES_WITHIN);
+                let settled = model.draw(&mut throughput, SETTLES_WITHIN);
+                for pair in settled.windows(2) {
+                    let [before, now] = [pair[0].0, pair[1].0].map(f64::from);
+                    assert!((now / before - 1.0).abs() < 0.046, "{before} to {now}: {fixed_us}, seed {seed}");
+                    changes += usize::from(before != now);
+                    frames += 1;
+                }
+            }
+            // Where triangles hardly cost anything, noise says as much as they do.
+            let most = if fixed_us < 0.8 * f64::from(TIME_US) { frames / 100 } else { frames / 10 };
+            assert!(changes < most, "{changes} changes in {frames} frames: {fixed_us} + {triangle_us} a triangle");
+        }
+    }
+
+    #[test]
+    fn what_no_triangles_help_is_held_at_the_least() {
+        for seed in 0..50 {
+            let mut throughput = Throughput::new(TIME_US, SCENE);
+            let mut model = Model::new(seed, 1.2 * f64::from(TIME_US), 0.001);
+            model.draw(&mut throughput, FALLS_WITHIN);
+            let after = model.draw(&mut throughput, SETTLES_WITHIN);
+            assert!(after.iter().all(|(triangles, _)| *triangles == LEAST_TRIANGLES), "seed {seed}: {after:?}");
+        }
+    }
+
+    #[test]
+    fn one_hiccup_is_none() {
+        for seed in 0..50 {
+            let mut throughput = Throughput::new(TIME_US, SCENE);
+            let mut model = Model::new(seed, 1000.0, 0.01);
+            model.draw(&mut throughput, SETTLES_WITHIN);
+            let before = f64::from(throughput.triangles());
+            throughput.take(throughput.triangles(), 8 * TIME_US);
+            throughput.follow();
+            let after = model.draw(&mut throughput, 5);
+            assert!(after.iter().all(|(triangles, _)| (f64::from(*triangles) / before - 1.0).abs() < 0.046), "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn the_slowest_counts_and_frames_without_a_word_change_nothing() {
+        let mut throughput = Throughput::new(TIME_US, SCENE);
+        for _ in 0..20 {
+            let triangles = throughput.triangles();
+            for draw_us in [triangles / 100, triangles / 10, triangles / 50] {
+                throughput.take(triangles, draw_us);
+            }
+            throughput.follow();
+        }
+        let settled = throughput.triangles();
+        assert!((85_000..95_000).contains(&settled), "{settled}");
+        (0..50).for_each(|_| throughput.follow());
+        assert_eq!(throughput.triangles(), settled);
+    }
+
+    #[test]
+    fn no_more_is_asked_for_than_there_is() {
+        for scene in [0, 1, 500, LEAST_TRIANGLES, 30_000] {
+            let mut throughput = Throughput::new(TIME_US, scene);
+            let frames = Model::new(1, 10.0, 0.000_1).draw(&mut throughput, 100);
+            assert!(frames.iter().all(|(triangles, _)| (1..=scene.max(1)).contains(triangles)), "{scene}: {frames:?}");
+            assert_eq!(throughput.triangles(), scene.max(1));
+            throughput.set_most(100_000);
+            Model::new(1, 10.0, 0.000_1).draw(&mut throughput, 100);
+            assert_eq!(throughput.triangles(), 100_000, "it has grown");
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! What `serve` and `demo` may spend on a frame.
+
+use mullion_server::service::{ShowBudget, ShowOptions};
+
+/// Longest time of a frame, milliseconds.
+const MAX_MS: f64 = 60_000.0;
+
+/// A budget for the wall, or none.
+#[derive(clap::Args, Clone, Copy)]
+pub struct BudgetOptions {
+    /// Draw an estimate of what is visible within so many triangles, all tiles together. The scene needs a tessellation. Pictures lack what is
+    /// not likely to be seen until the camera rests.
+    #[arg(long, value_name = "TRIANGLES", conflicts_with_all = ["budget_percent", "budget_ms"],
+          value_parser = clap::value_parser!(u32).range(1..))]
+    budget_triangles: Option<u32>,
+    /// The same within so many percent of the scene's triangles.
+    #[arg(long, value_name = "PERCENT", conflicts_with = "budget_ms", allow_negative_numbers = true, value_parser = percent)]
+    budget_percent: Option<f64>,
+    /// The same within as many triangles as the slowest tile draws in so many milliseconds.
+    #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
+    budget_ms: Option<f64>,
+    /// Keep to the budget when the camera rests, too.
+    #[arg(long)]
+    no_complete: bool,
+}
+
+impl BudgetOptions {
+    /// Whether there is one.
+    pub fn is_set(&self) -> bool {
+        self.budget().is_some()
+    }
+
+    /// Puts it into a show's options.
+    pub fn apply_to(&self, options: &mut ShowOptions) {
+        (options.budget, options.completes) = (self.budget(), !self.no_complete);
+    }
+
+    /// As users write what was chosen.
+    pub fn name(&self) -> &'static str {
+        match self.budget() {
+            Some(ShowBudget::Percent(_)) => "--budget-percent",
+            Some(ShowBudget::TimeUs(_)) => "--budget-ms",
+            Some(ShowBudget::Triangles(_)) | None => "--budget-triangles",
+        }
+    }
+
+    fn budget(&self) -> Option<ShowBudget> {
+        let time_us = |ms: f64| (ms * 1000.0).ceil() as u32;
+        let triangles = self.budget_triangles.map(ShowBudget::Triangles);
+        let percent = self.budget_percent.map(ShowBudget::Percent);
+        triangles.or(percent).or(self.budget_ms.map(time_us).map(ShowBudget::TimeUs))
+    }
+}
+
+fn percent(text: &str) -> Result<f64, String> {
+    let percent: f64 = text.parse().map_err(|_| "it is no number".to_owned())?;
+    if percent > 0.0 && percent <= 100.0 { Ok(percent) } else { Err("a budget is more than 0 %, and at most 100 %".to_owned()) }
+}
+
+fn milliseconds(text: &str) -> Result<f64, String> {
+    let ms: f64 = text.parse().map_err(|_| "it is no number".to_owned())?;
+    if ms > 0.0 && ms <= MAX_MS { Ok(ms) } else { Err(format!("a budget is more than 0 ms, and at most {MAX_MS} ms")) }
+}
