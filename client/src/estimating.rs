@@ -13,7 +13,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use mullion_common::geometry::Frustum;
 use mullion_common::scene::{SceneManifest, Tessellation, Transform};
-use mullion_common::wall::Projection;
+use mullion_common::wall::pixels_per_radian;
 use mullion_common::wire::ViewSpec;
 
 use crate::frame::{Completer, FrameInput, ViewInput};
@@ -56,10 +56,9 @@ struct Look {
 impl Look {
     fn of(spec: &ViewSpec, view: &ViewToDraw, frame: &FrameToDraw) -> Self {
         let corners = spec.corners.map(DVec3::from);
-        let projection = Projection::through_rectangle(view.eye, corners, spec.near_m, &frame.world_from_room);
         Self {
             frustum: Frustum::through_rectangle(view.eye, corners, spec.near_m).transformed(&frame.world_from_room),
-            pixels_per_radian: projection.pixels_per_radian(spec.size_px) as f32,
+            pixels_per_radian: (pixels_per_radian(view.eye, corners, spec.size_px) as f32).max(f32::MIN_POSITIVE),
         }
     }
 

@@ -125,7 +125,7 @@ impl Show {
     fn frame(&mut self, answers: impl FnOnce(u32) -> Answers) -> (Estimate, Spent) {
         let outputs = self.begin();
         let orders = PEERS.map(|peer| match sent(&outputs, peer).pop() {
-            Some(ToTile::Frame(frame)) => frame.estimate,
+            Some(ToTile::Frame(frame)) => frame.estimate.map(|estimate| *estimate),
             other => panic!("{other:?}"),
         });
         assert_eq!(orders[0], orders[1], "all get the same");

@@ -468,7 +468,7 @@ impl TileSession {
             shared_eye,
             views,
             dropped,
-            estimate,
+            estimate: estimate.map(|estimate| *estimate),
             when_missing,
         });
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));

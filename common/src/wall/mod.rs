@@ -8,5 +8,5 @@ mod projection;
 mod tiles;
 
 pub use config::{GridConfig, MAX_TILES, NodeConfig, ScreenConfig, WallConfig, WallError};
-pub use projection::Projection;
+pub use projection::{Projection, pixels_per_radian};
 pub use tiles::{Eye, Node, ObserverId, Screen, Tile, TileId, View, ViewId, Wall};

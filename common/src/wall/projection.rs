@@ -55,18 +55,19 @@ impl Projection {
         DAffine3 { matrix3: world_from_local.matrix3, translation: world_from_local.translation - self.eye }
     }
 
-    /// Pixels of a picture that a length covers that is as far away as it is long, along the axis of view; the finer of the picture's two
-    /// directions.
-    pub fn pixels_per_radian(&self, size_px: [u32; 2]) -> f64 {
-        let [across, up, ahead] = [0, 1, 3].map(|row| self.clip_from_offset.row(row).truncate());
-        let of = |row: DVec3, pixels: u32| row.reject_from(ahead).length() / ahead.length() * f64::from(pixels) / 2.0;
-        of(across, size_px[0]).max(of(up, size_px[1]))
-    }
-
     /// Clip coordinates of a world position.
     pub fn clip(&self, world: DVec3) -> Vec4 {
         (self.clip_from_offset * (world - self.eye).extend(1.0)).as_vec4()
     }
+}
+
+/// Of how many pixels a length is, on a screen, that is as far from the eye as it is long: along the axis of view, in the finer of the
+/// picture's two directions. `corners` as of [`Projection::through_rectangle`].
+pub fn pixels_per_radian(eye: DVec3, [bottom_left, bottom_right, top_left]: [DVec3; 3], size_px: [u32; 2]) -> f64 {
+    let (across, up) = (bottom_right - bottom_left, top_left - bottom_left);
+    let distance_m = across.cross(up).normalize().dot(eye - bottom_left).abs();
+    let [columns, rows] = size_px.map(f64::from);
+    distance_m * (columns / across.length()).max(rows / up.length())
 }
 
 /// The frustum that the same view culls with, in the world.
@@ -82,12 +83,10 @@ mod tests {
 
     #[test]
     fn pixels_are_counted_along_the_axis() {
-        // 2 m wide and 1 m high, seen off its axis from 3 m away, in a room twice as large in the world.
+        // 2 m wide and 1 m high, seen off its axis from 3 m away.
         let corners = [DVec3::new(1.0, 0.0, 0.0), DVec3::new(3.0, 0.0, 0.0), DVec3::new(1.0, 1.0, 0.0)];
-        let world_from_room = DAffine3::from_scale_rotation_translation(DVec3::splat(2.0), DQuat::from_rotation_y(1.0), DVec3::X);
-        let projection = Projection::through_rectangle(DVec3::new(0.0, 0.0, 3.0), corners, 0.1, &world_from_room);
-        assert!((projection.pixels_per_radian([1000, 400]) - 1500.0).abs() < 1e-9);
-        assert!((projection.pixels_per_radian([1000, 600]) - 1800.0).abs() < 1e-9);
+        let of = |size_px| pixels_per_radian(DVec3::new(0.0, 0.0, 3.0), corners, size_px);
+        assert!((of([1000, 400]) - 1500.0).abs() < 1e-9 && (of([1000, 600]) - 1800.0).abs() < 1e-9);
     }
 
     proptest! {

@@ -3,8 +3,9 @@
 use glam::{DAffine3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::Projection;
 use super::config::check_seen_from;
-use super::{Projection, projection::world_frustum};
+use super::projection::{pixels_per_radian, world_frustum};
 use crate::geometry::Frustum;
 
 /// A tile's number in its wall: in the order of screens, row-major from the top left.
@@ -161,14 +162,7 @@ impl Wall {
 
     /// Of how many pixels a length is, on the wall's finest tile, that is as far from an eye (room space, before the wall) as it is long: above 0.
     pub fn pixels_per_radian(&self, eye: DVec3) -> f64 {
-        let of_tile = |tile: &Tile| {
-            let [bottom_left, bottom_right, top_left] = tile.corners;
-            let (across, up) = (bottom_right - bottom_left, top_left - bottom_left);
-            let distance_m = across.cross(up).normalize().dot(eye - bottom_left).abs().max(self.near_m);
-            let [columns, rows] = tile.size_px.map(f64::from);
-            distance_m * (columns / across.length()).max(rows / up.length())
-        };
-        self.tiles.iter().map(of_tile).fold(0.0, f64::max)
+        self.tiles.iter().map(|tile| pixels_per_radian(eye, tile.corners, tile.size_px)).fold(f64::MIN_POSITIVE, f64::max)
     }
 
     /// What a view sees, in the world. `eye` in room space.

@@ -76,7 +76,7 @@ pub struct Frame {
     /// [`VisibleSet::digest`](crate::visible_set::VisibleSet::digest) of all that is dropped.
     pub dropped_digest: u64,
     /// To which budget an estimate of what is visible is drawn, the same for all nodes; `None`: all that is seen is drawn.
-    pub estimate: Option<Estimate>,
+    pub estimate: Option<Box<Estimate>>,
     /// Every object that moved since the base, or since the manifest where there is no base.
     pub moved: Vec<Moved>,
 }
@@ -115,7 +115,7 @@ impl Frame {
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         within("views", self.views.len(), MAX_VIEWS)?;
         check_dropped(&self.dropped)?;
-        let estimate = self.estimate.as_ref().map(Estimate::head).transpose()?;
+        let estimate = self.estimate.as_deref().map(Estimate::head).transpose()?;
         framed(out, tag::FRAME, MAX_TO_TILE_BYTES, |out| {
             let head = Head {
                 number: self.number,
@@ -154,7 +154,7 @@ impl Frame {
         finite("scene time", head.scene_time_s.is_finite())?;
         finite("world_from_room", world_from_room.is_finite())?;
         finite("shared eye", shared_eye.is_finite())?;
-        let estimate = head.estimate.as_ref().map(|head| Estimate::take(head, &mut bytes)).transpose()?;
+        let estimate = head.estimate.as_ref().map(|head| Estimate::take(head, &mut bytes).map(Box::new)).transpose()?;
         // No memory for views that the body has no room for.
         let mut views = Vec::with_capacity((head.views as usize).min(bytes.len() / LEAST_VIEW_BYTES));
         for _ in 0..head.views {

@@ -100,12 +100,12 @@ fn frame() -> Frame {
         }],
         dropped: VisibleDelta { removed: set(&[(2, 4)]), added: set(&[(6, 7)]) },
         dropped_digest: 0x0304,
-        estimate: Some(Estimate {
+        estimate: Some(Box::new(Estimate {
             triangles: 258,
             is_complete: true,
             pixels_per_radian: 2.5,
             planes: vec![Plane { normal: DVec3::new(0.0, 1.0, 0.0), offset_m: 4.0 }],
-        }),
+        })),
         moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
     }
 }
@@ -337,7 +337,7 @@ fn caps_hold_both_ways() {
 
     let planes = |count| {
         let planes = vec![Plane { normal: DVec3::X, offset_m: 1.0 }; count];
-        Frame { estimate: Some(Estimate { pixels_per_radian: 1.0, planes, ..Estimate::default() }), ..frame() }
+        Frame { estimate: Some(Box::new(Estimate { pixels_per_radian: 1.0, planes, ..Estimate::default() })), ..frame() }
     };
     let full = ToTile::Frame(planes(MAX_PRIMARY_PLANES));
     assert_eq!(ToTile::decode(body_of(&bytes(|out| full.encode(out)))), Ok(full));
@@ -366,7 +366,7 @@ fn what_is_not_finite_or_backwards_is_refused() {
     assert!(refused(|f| f.shared_eye.y = f64::NAN));
     assert!(refused(|f| f.base = Some(9)));
     fn estimate(frame: &mut Frame, change: fn(&mut Estimate)) {
-        frame.estimate.iter_mut().for_each(change);
+        frame.estimate.as_deref_mut().into_iter().for_each(change);
     }
     assert!(!refused(|f| f.estimate = None));
     assert!(!refused(|f| estimate(f, |e| e.planes.clear())));

@@ -501,7 +501,7 @@ impl Master {
         let mut frame = std::mem::take(&mut self.scratch);
         self.history.write(&state.views, connection.acked, self.epoch, &mut frame);
         if let Some(estimates) = &self.estimates {
-            frame.estimate.get_or_insert_default().clone_from(estimates.order());
+            frame.estimate.get_or_insert_default().as_mut().clone_from(estimates.order());
         }
         is_done(Stage::Diff);
         let mut bytes = self.pool.pop().unwrap_or_default();

@@ -160,7 +160,7 @@ fn a_frames_order_comes_to_the_painter_as_it_is() {
     let order = Estimate { triangles: 500, is_complete: false, pixels_per_radian: 800.0, planes };
     for (number, estimate) in [(1, Some(order)), (2, None)] {
         let ToTile::Frame(plain) = frame(number, None, &[(0, 3)]) else { unreachable!("it is a frame") };
-        session.handle_message(ToTile::Frame(Frame { estimate: estimate.clone(), ..plain }));
+        session.handle_message(ToTile::Frame(Frame { estimate: estimate.clone().map(Box::new), ..plain }));
         let got = actions(&mut session);
         assert!(matches!(got.last(), Some(Action::Draw(frame)) if frame.estimate == estimate), "{got:?}");
         session.drawn(number, DrawStats::default());
