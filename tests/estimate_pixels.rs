@@ -16,6 +16,7 @@ use mullion_client::node::Painter;
 use mullion_client::occlusion::Occlusion;
 use mullion_client::tile_session::{FrameToDraw, ViewToDraw};
 use mullion_common::scene::{ChunkId, ObjectId, Package, Transform};
+use mullion_common::throughput::LEAST_TRIANGLES;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall, WallConfig};
 use mullion_common::wire::{Budget, Estimate, Moved, ViewSpec};
@@ -192,4 +193,23 @@ fn a_completed_estimate_is_the_exact_picture() {
             assert!(found != exact, "300 triangles are not all");
         }
     }
+}
+
+#[test]
+fn a_tile_with_little_time_draws_little() {
+    if !support::has_gpu() {
+        return;
+    }
+    let gpu = Gpu::open(GpuOptions::default()).expect("a GPU");
+    let package = package();
+    let specs = specs(&wall(1));
+    let mut painter = painter(&gpu, &package, &specs, Occlusion::Off);
+    let in_time = |gpu_us| Order { of_tile: Budget { triangles: None, gpu_us: Some(gpu_us) }, ..ALL };
+    // No picture takes a microsecond, nor an hour.
+    let drawn: Vec<u64> = (0..12).map(|_| draw(&mut painter, &package, &specs, &in_time(1)).1).collect();
+    assert!(drawn.last() <= Some(&u64::from(LEAST_TRIANGLES)) && drawn.last() < drawn.first(), "{drawn:?}");
+    let drawn: Vec<u64> = (0..12).map(|_| draw(&mut painter, &package, &specs, &in_time(u32::MAX)).1).collect();
+    assert!(drawn.last() >= drawn.first() && drawn.last() > Some(&u64::from(LEAST_TRIANGLES)), "{drawn:?}");
+    let both = Order { of_tile: Budget { triangles: Some(50), gpu_us: Some(u32::MAX) }, ..ALL };
+    assert!((1..=50).contains(&draw(&mut painter, &package, &specs, &both).1));
 }

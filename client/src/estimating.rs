@@ -13,8 +13,9 @@ use std::sync::Arc;
 use glam::DVec3;
 use mullion_common::geometry::Frustum;
 use mullion_common::scene::{SceneManifest, Tessellation, Transform};
+use mullion_common::throughput::Throughput;
 use mullion_common::wall::pixels_per_radian;
-use mullion_common::wire::ViewSpec;
+use mullion_common::wire::{Budget, ViewSpec};
 
 use crate::frame::{Completer, FrameInput, ViewInput};
 use crate::gpu::{GpuError, Renderer};
@@ -34,6 +35,8 @@ struct OfView {
     own: Traversal,
     completer: Completer,
     found: Found,
+    /// Of how many microseconds, and what that allows.
+    throughput: Option<(u32, Throughput)>,
 }
 
 /// Where a view's estimate comes from in this frame.
@@ -67,6 +70,18 @@ impl Look {
     }
 }
 
+impl OfView {
+    /// How many triangles a tile's own budget allows; `None`: it has none.
+    fn own_budget(&mut self, budget: &Budget, scene_triangles: u32) -> Option<u32> {
+        match (budget.gpu_us, &self.throughput) {
+            (Some(time_us), Some((known, _))) if time_us == *known => {}
+            (time_us, _) => self.throughput = time_us.map(|us| (us, Throughput::new(us, scene_triangles))),
+        }
+        let in_time = self.throughput.as_ref().map(|(_, throughput)| throughput.triangles());
+        budget.triangles.into_iter().chain(in_time).min()
+    }
+}
+
 impl Estimating {
     pub fn new(tessellation: Arc<Tessellation>, views: usize) -> Self {
         Self { tessellation, wall: Traversal::new(), views: (0..views).map(|_| OfView::default()).collect() }
@@ -86,7 +101,7 @@ impl Estimating {
     pub fn find(&mut self, manifest: &SceneManifest, specs: &[ViewSpec], frame: &FrameToDraw) {
         let Self { tessellation, wall, views } = self;
         let order = frame.estimate.as_ref();
-        let of_wall = order.filter(|_| frame.views.iter().any(|view| view.budget.triangles.is_none()));
+        let of_wall = order.filter(|_| frame.views.iter().any(|view| view.budget == Budget::default()));
         if let Some(order) = of_wall {
             let sight = Sight { eye: frame.shared_eye, planes: &order.planes, pixels_per_radian: order.pixels_per_radian };
             let of_wall = Frame { tessellation, scene: manifest, sight };
@@ -94,7 +109,7 @@ impl Estimating {
             wall.project(&of_wall, order.triangles);
         }
         for ((kept, view), spec) in views.iter_mut().zip(&frame.views).zip(specs) {
-            kept.found = match view.budget.triangles {
+            kept.found = match kept.own_budget(&view.budget, tessellation.slot_count()) {
                 Some(budget) => {
                     let look = Look::of(spec, view, frame);
                     let of_view = Frame { tessellation, scene: manifest, sight: look.sight() };
@@ -152,6 +167,18 @@ impl Estimating {
             kept.found = Found::Completer;
         }
         Ok(())
+    }
+
+    /// What drawing took, and how many triangles there were of each view: their shares of the time.
+    pub fn note(&mut self, draw_us: u32, triangles: impl Iterator<Item = u64> + Clone) {
+        let all: u64 = triangles.clone().sum();
+        for (view, own) in self.views.iter_mut().zip(triangles) {
+            if let (Found::Own, Some((_, throughput))) = (view.found, &mut view.throughput) {
+                let own_us = u64::from(draw_us) * own / all.max(1);
+                throughput.take(throughput.triangles(), own_us as u32); // at most draw_us
+                throughput.follow();
+            }
+        }
     }
 
     /// What the view at a place draws; `None`: all that it sees.

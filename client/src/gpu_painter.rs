@@ -58,6 +58,8 @@ struct OpenScene {
     counting: Counting,
     /// Where the scene has a tessellation.
     estimating: Option<Estimating>,
+    /// By place of the view: triangles drawn in this frame.
+    triangles: Vec<u64>,
     /// The last frame, if all that is seen of it was drawn within its estimate, and what that took.
     complete: Option<(FrameToDraw, DrawStats)>,
 }
@@ -157,6 +159,7 @@ impl Painter for GpuPainter {
             drawn: vec![VisibleSet::default(); views.len()],
             counting: Counting::default(),
             estimating: None,
+            triangles: vec![0; views.len()],
             complete: None,
         });
         Ok(())
@@ -201,7 +204,9 @@ impl Painter for GpuPainter {
 
     fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
         let start = Instant::now();
-        let Some(OpenScene { manifest, views, renderer, has_changed, drawn, estimating, complete, .. }) = &mut self.scene else {
+        let Some(OpenScene { manifest, views, renderer, has_changed, drawn, estimating, triangles, complete, .. }) =
+            &mut self.scene
+        else {
             return Err(PaintError::Failed("a frame before there is a scene".to_owned()));
         };
         if let Some(stats) =
@@ -245,6 +250,7 @@ impl Painter for GpuPainter {
             when_missing: frame.when_missing,
             has_changed: std::mem::take(has_changed),
         };
+        triangles.fill(0);
         let mut stats = DrawStats::default();
         let mut round = Some(self.planner.begin(input));
         while let Some(plan) = round {
@@ -252,12 +258,17 @@ impl Painter for GpuPainter {
             for pass in &results.passes {
                 stats.leaves += pass.leaves;
                 stats.triangles += pass.triangles;
+                let place = views.iter().position(|view| view.view == pass.view);
+                place.into_iter().for_each(|place| triangles[place] += pass.triangles);
             }
             round = self.planner.feed(&results);
         }
         // Ready means that the picture is there, not that it was ordered.
         renderer.wait().map_err(failed)?;
         stats.draw_us = u32::try_from(start.elapsed().as_micros()).unwrap_or(u32::MAX);
+        if let Some(estimating) = estimating {
+            estimating.note(stats.draw_us, triangles.iter().copied());
+        }
         let is_complete = estimating.is_some() && frame.estimate.as_ref().is_some_and(|estimate| estimate.is_complete);
         *complete = is_complete.then(|| (frame.clone(), stats));
         Ok(stats)

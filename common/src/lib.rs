@@ -5,6 +5,7 @@ pub mod control;
 pub mod geometry;
 pub mod identity;
 pub mod scene;
+pub mod throughput;
 #[cfg(feature = "tls")]
 pub mod tls;
 pub mod visible_set;

@@ -8,11 +8,11 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use glam::DVec3;
+use mullion_common::throughput::Throughput;
 use mullion_common::wall::Wall;
 use mullion_common::wire::{Estimate, MAX_PRIMARY_PLANES};
 
 use super::FrameInput;
-use super::throughput::Throughput;
 use crate::swap_barrier::{NodeIndex, ShowNow};
 
 /// After so many frames in which nothing moved, all that is seen is drawn: half a second at 60 Hz.

@@ -22,7 +22,6 @@ mod sessions;
 mod spares;
 mod standbys;
 mod standing;
-mod throughput;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -55,7 +54,6 @@ pub use spares::SPARE_AFTER;
 use spares::Spare;
 use standbys::Standby;
 pub use standbys::{MAX_STANDBYS, TELL_STANDBYS_EVERY};
-pub use throughput::{AIM, FIRST_TRIANGLES, LEAST_TRIANGLES};
 
 /// Most connections that have not said yet who they are, beside one for each node of the wall.
 pub const MAX_UNNAMED: usize = 64;

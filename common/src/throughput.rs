@@ -1,4 +1,4 @@
-//! How many triangles a wall has time for: from what nodes say that drawing took, to the triangles of the next frame.
+//! How many triangles there is time for: from what drawing took, to the triangles of the next frame. Of a wall, the slowest node counts.
 //!
 //! What a frame takes grows with its triangles, from some fixed time on. So the triangles that would take the time that is aimed at are
 //! sought in proportion: `wished = drawn · aim / took`, which is right where nothing is fixed, and goes the right way, too short, where
@@ -27,8 +27,8 @@ const MOST_DOWN: f64 = std::f64::consts::LN_2;
 const MOST_UP: f64 = 0.405;
 
 /// Finds the triangles that a time allows. All in the logarithm of triangles.
-#[derive(Debug)]
-pub(super) struct Throughput {
+#[derive(Clone, Debug)]
+pub struct Throughput {
     /// Of the time aimed at, microseconds.
     aim: f64,
     /// Least and most.
