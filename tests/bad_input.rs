@@ -217,6 +217,25 @@ fn arguments_that_cannot_be() {
     for share in ["0", "1.5", "-0.1", "NaN", "much"] {
         refused(&["serve", &wall, &scene, "--adaptive", share, "--listen", "127.0.0.1:0"], &["--adaptive", share]);
     }
+    let listen = ["--listen", "127.0.0.1:0"];
+    let budgets = [
+        ("triangles", "0"),
+        ("percent", "0"),
+        ("percent", "100.5"),
+        ("percent", "-1"),
+        ("percent", "NaN"),
+        ("ms", "0"),
+        ("ms", "-2"),
+    ];
+    for (of, budget) in budgets.into_iter().chain([("ms", "soon"), ("ms", "60001")]) {
+        let option = format!("--budget-{of}");
+        refused(&[&["serve", &wall, &scene, &option, budget][..], &listen].concat(), &[&option, budget]);
+    }
+    for (a, b) in [("triangles", "ms"), ("percent", "ms"), ("percent", "triangles")] {
+        let [a, b] = [a, b].map(|of| format!("--budget-{of}"));
+        refused(&[&["serve", &wall, &scene, &a, "5", &b, "6"][..], &listen].concat(), &[&a, &b]);
+        refused(&[&["serve", &wall, &scene, &a, "5"][..], &listen].concat(), &[&a, &scene, "no tessellation", "prepare --plp"]);
+    }
     refused(&["serve", &wall], &["SCENE"]);
     refused(&["prepare", &scene, "--out", &folder.path("x"), "--leaf-triangles", "0"], &["--leaf-triangles"]);
     refused(&["generate", "village", "--out", &folder.path("x.glb")], &["village", "city"]);

@@ -13,7 +13,9 @@ use std::time::Duration;
 use glam::{DAffine3, DVec3};
 use mullion_client::missing::WhenMissing;
 use mullion_client::tile_session::{Action, DrawStats, EndedBy, FrameToDraw, TileSession};
-use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SceneSize, SectionKind, Transform};
+use mullion_common::scene::{
+    ChunkHash, ObjectId, Package, SceneManifest, SceneSize, SectionKind, Tessellation, TessellationParts, Transform,
+};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::Wall;
 use mullion_common::wire::{Insertion, Moved, Opening, SectionRef, Steering, ToTile, body_of};
@@ -44,6 +46,7 @@ struct Node {
     blobs: VecDeque<(u64, ChunkHash)>,
     fetched: BTreeMap<ChunkHash, u32>,
     scene: Option<Arc<SceneManifest>>,
+    tessellations: u32,
     uploaded: BTreeSet<u32>,
     transforms: Vec<Transform>,
     drawn: Option<u64>,
@@ -97,13 +100,17 @@ impl Growing {
         let once = Arc::new(graft(&base, &package(120), &at(None, 7.0)).unwrap());
         let twice = Arc::new(graft(&once, &package(150), &at(Some(ObjectId(9)), -4.0)).unwrap());
         let mut blobs = BTreeMap::new();
+        let bytes = Tessellation::new(TessellationParts::default(), &base.scene.manifest).expect("it names nothing").encode();
+        let (kind, hash, length) = (SectionKind::Tessellation, ChunkHash::of(&bytes), bytes.len() as u64);
+        let tessellation = SectionRef { kind, hash, length };
+        blobs.insert(hash, bytes);
         let options = MasterOptions {
             barrier: BarrierOptions { wait: PERIOD, start_wait: Duration::ZERO, start_nodes: vec![] },
             pace: Pace::Every(PERIOD),
             first_frame: 0,
             frames: None,
             sections: sections(&base, SceneSize::default(), &mut blobs).into(),
-            tessellation: None,
+            tessellation: Some(tessellation),
             insertions: vec![],
             adaptive: None,
             estimates: None,
@@ -116,6 +123,7 @@ impl Growing {
             blobs: VecDeque::new(),
             fetched: BTreeMap::new(),
             scene: None,
+            tessellations: 0,
             uploaded: BTreeSet::new(),
             transforms: Vec::new(),
             drawn: None,
@@ -247,7 +255,10 @@ impl Growing {
                     n.uploaded.clear();
                     n.scene = Some(manifest);
                 }
-                Action::TakeTessellation(_) => panic!("there is none"),
+                Action::TakeTessellation(tessellation) => {
+                    assert!(n.scene.is_some() && tessellation.cells().is_empty(), "node {node}: it comes with the scene");
+                    n.tessellations += 1;
+                }
                 Action::GrowScene(manifest) => {
                     let before = n.scene.replace(Arc::clone(&manifest)).expect("a scene that grows");
                     assert_eq!(manifest.leaves[..before.leaves.len()], before.leaves[..]);
@@ -366,6 +377,7 @@ impl Growing {
             assert!((second - 5..FRAMES - 1).all(shows), "node {node} shows every frame from the second growth on");
             assert_eq!(self.master.standing(NodeIndex(node as u16)), Standing::Live);
             assert_eq!(n.scene.as_deref(), Some(&self.packages[2].scene.manifest));
+            assert_eq!(n.tessellations, 1, "node {node}: it stays what it was");
         }
         let late = self.passed_over.iter().filter(|(frame, _)| *frame > 5);
         assert_eq!(late.collect::<Vec<_>>(), [] as [&(u64, NodeIndex); 0], "nobody was waited for in vain");

@@ -30,6 +30,11 @@ fn wall() -> Arc<Wall> {
     Arc::new(WallConfig::parse(text).unwrap())
 }
 
+/// Of what the show began with.
+fn tessellation() -> SectionRef {
+    SectionRef { kind: SectionKind::Tessellation, hash: ChunkHash([9; 32]), length: 56 }
+}
+
 fn part(name: u8) -> [SectionRef; 4] {
     SectionKind::FOR_TILES.map(|kind| SectionRef { kind, hash: ChunkHash([name; 32]), length: 40 })
 }
@@ -55,7 +60,7 @@ impl Show {
             first_frame: 0,
             frames: None,
             sections: part(0).into(),
-            tessellation: None,
+            tessellation: Some(tessellation()),
             insertions: vec![],
             adaptive: None,
             estimates: None,
@@ -153,7 +158,7 @@ fn growing() -> Show {
     show.frame(&[A, B]);
     show.grow(1).unwrap();
     let outputs = show.take();
-    let whole = Manifest { epoch: 2, sections: [part(0), part(1)].concat(), tessellation: None };
+    let whole = Manifest { epoch: 2, sections: [part(0), part(1)].concat(), tessellation: Some(tessellation()) };
     for peer in [A, B] {
         assert_eq!(sent(&outputs, peer), [ToTile::Manifest(whole.clone())]);
     }

@@ -9,12 +9,14 @@
 //! - no frame but the first waits longer than the barrier's wait, and waits so long only when it then passes somebody
 //!   over, or when nobody is live; a node that hangs is passed over once;
 //! - what a node draws is what the master saw: sets, places of objects, and every chunk there, or its leaves named as missing;
+//! - to which budget a frame is drawn is the same on all nodes, and no node draws before it has the tessellation;
 //! - what is dropped in a frame is the same on all nodes, and whole objects; nothing is where nobody asked for it;
 //! - when the faults are over, every node is back in the picture, and those with enough memory have all chunks.
 //!
 //! A failing seed is printed. `MULLION_SIM_SEEDS=1000` runs more; `MULLION_SIM_SEED=n` runs one. Every wall of 64 nodes stands for twenty
 //! smaller ones.
 
+mod budget;
 mod promises;
 #[path = "../session_support/mod.rs"]
 mod session_support;
@@ -27,7 +29,7 @@ use std::time::Duration;
 use glam::{DAffine3, DVec3};
 use mullion_client::missing::WhenMissing;
 use mullion_client::tile_session::{Action, DrawStats, EndedBy, TileSession};
-use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Transform};
+use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Tessellation, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
 use mullion_common::wire::{Bye, ByeCode, Moved, ObjectCount, Opening, PROTOCOL_VERSION, SectionRef, Steering, ToTile, body_of};
@@ -97,6 +99,7 @@ struct Node {
     times_hung: u64,
     /// The painter.
     scene: Option<Arc<SceneManifest>>,
+    tessellation: Option<Arc<Tessellation>>,
     uploaded: BTreeSet<u32>,
     evictions: u64,
     transforms: Vec<Transform>,
@@ -117,6 +120,7 @@ impl Node {
             draw_us: 3000,
             times_hung: 0,
             scene: None,
+            tessellation: None,
             uploaded: BTreeSet::new(),
             evictions: 0,
             transforms: Vec::new(),
@@ -159,7 +163,8 @@ struct Sim {
     deltas: u64,
     /// By frame of this master: what is dropped, as the first node that draws it has it.
     dropped: BTreeMap<u64, VisibleSet>,
-    /// Frames drawn in which something is.
+    orders: budget::Orders,
+    /// Frames drawn in which something is dropped.
     drops: u64,
     /// When the master last took a message.
     heard_at: Duration,
@@ -182,6 +187,8 @@ impl Sim {
             sections.push(SectionRef { kind, hash, length: bytes.len() as u64 });
             blobs.insert(hash.0, bytes);
         }
+        let (tessellation, bytes) = budget::tessellation(&package);
+        blobs.insert(tessellation.hash.0, bytes);
         for (i, record) in package.scene.manifest.chunks.iter().enumerate() {
             blobs.insert(record.hash.0, package.chunk(mullion_common::scene::ChunkId(i as u32)).to_vec());
         }
@@ -196,10 +203,10 @@ impl Sim {
             first_frame: 0,
             frames: None,
             sections,
-            tessellation: None,
+            tessellation: (!seed.is_multiple_of(6)).then_some(tessellation),
             insertions: vec![],
             adaptive,
-            estimates: None,
+            estimates: budget::of_seed(seed),
             session_seed: [7; 32],
         };
         let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name, setting)).collect();
@@ -228,6 +235,7 @@ impl Sim {
             shows_told: 0,
             deltas: 0,
             dropped: BTreeMap::new(),
+            orders: BTreeMap::new(),
             drops: 0,
             heard_at: Duration::ZERO,
             is_finished: false,
@@ -330,7 +338,7 @@ impl Sim {
                 if n.run == run {
                     n.is_drawing = false;
                     n.drawn = Some(frame);
-                    n.session.drawn(frame, DrawStats::default());
+                    n.session.drawn(frame, DrawStats { draw_us: n.draw_us as u32, ..DrawStats::default() });
                     self.work(node);
                 }
             }
@@ -391,6 +399,7 @@ impl Sim {
                 self.released = None;
                 self.released_at.clear();
                 self.dropped.clear();
+                self.orders.clear();
                 self.live_at_begin.clear();
                 self.passed_over.fill(0);
             }
@@ -522,10 +531,10 @@ impl Sim {
                 assert_eq!(*manifest, self.package.scene.manifest);
                 assert_eq!(views.len(), 1);
                 n.transforms.clone_from(&manifest.transforms);
-                n.scene = Some(manifest);
+                (n.scene, n.tessellation) = (Some(manifest), None);
                 n.uploaded.clear();
             }
-            Action::TakeTessellation(_) => panic!("this scene has none"),
+            Action::TakeTessellation(tessellation) => n.tessellation = Some(tessellation),
             Action::GrowScene(_) => panic!("this scene does not grow"),
             Action::Upload { chunk, bytes } => {
                 assert_eq!(bytes, self.package.chunk(chunk));
@@ -623,7 +632,7 @@ impl Sim {
             shared_eye: DVec3::new(number as f64, 0.2, 1.5),
             sets: &sets,
             moved: &moved,
-            primary: &[],
+            primary: &budget::PRIMARY,
             budgets: &[],
             presence: &[],
             steering: Steering::default(),

@@ -9,7 +9,7 @@ use mullion_server::master::FrameReleased;
 use mullion_server::swap_barrier::{NodeIndex, Standing};
 
 use super::session_support::{OBJECTS, chunks_of};
-use super::{BACK_IN_PICTURE, END, ENOUGH_MEMORY_BYTES, LEAVES, Sim, WAIT};
+use super::{BACK_IN_PICTURE, END, ENOUGH_MEMORY_BYTES, LEAVES, Sim, WAIT, budget};
 
 impl Sim {
     pub fn check_draw(&mut self, node: usize, frame: &FrameToDraw) {
@@ -21,6 +21,7 @@ impl Sim {
         assert_eq!(dropped.len() as usize, whole, "node {node}, frame {}", frame.number);
         assert!(dropped.is_empty() || self.options.adaptive.is_some());
         let n = &self.nodes[node];
+        budget::check(&mut self.orders, self.options.estimates.as_ref(), frame, n.tessellation.as_ref());
         let number = frame.number as usize;
         assert_eq!(frame.views[0].leaves, self.sets[number][node], "node {node}, frame {number}");
         assert_eq!(n.transforms, self.places[number], "node {node}, frame {number}");

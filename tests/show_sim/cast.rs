@@ -8,10 +8,10 @@ use glam::{DAffine3, DVec3};
 use mullion_client::missing::WhenMissing;
 use mullion_client::node::{Connector as NodeConnector, NodeOptions, Reconnect, Security, Stream};
 use mullion_client::protocol_node::run_observed;
-use mullion_common::scene::{ObjectId, Package};
+use mullion_common::scene::{ObjectId, Package, Tessellation, TessellationParts};
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{Moved, Part};
-use mullion_server::service::{Connector, Listener, Pose, Show, ShowOptions, Socket, serve_over};
+use mullion_server::service::{Connector, Listener, Pose, Show, ShowBudget, ShowOptions, Socket, serve_over};
 use tokio::sync::watch;
 use turmoil::net::{TcpListener, TcpStream};
 
@@ -21,6 +21,9 @@ use crate::session_support::{OBJECTS, package, transform, visible};
 pub const LEAVES: u32 = 200;
 pub const RATE_HZ: f64 = 60.0;
 pub const PORT: u16 = 7411;
+/// Of the two triangles of each leaf, on every master.
+const BUDGET_PERCENT: f64 = 25.0;
+pub const BUDGET_TRIANGLES: u32 = 2 * LEAVES / 4;
 /// The hosts of masters: the first begins the show, the second stands by.
 pub const MASTERS: [&str; 2] = ["master-a", "master-b"];
 
@@ -32,7 +35,13 @@ pub fn wall([columns, rows]: [u32; 2]) -> Arc<Wall> {
 
 fn scene() -> Arc<Package> {
     static SCENE: OnceLock<Arc<Package>> = OnceLock::new();
-    Arc::clone(SCENE.get_or_init(|| package(LEAVES)))
+    let with_tessellation = || {
+        let mut package = Arc::unwrap_or_clone(package(LEAVES));
+        let tessellation = Tessellation::new(TessellationParts::default(), &package.scene.manifest);
+        package.scene.tessellation = Some(Arc::new(tessellation.expect("it names nothing")));
+        Arc::new(package)
+    };
+    Arc::clone(SCENE.get_or_init(with_tessellation))
 }
 
 /// What a master's host is to run.
@@ -98,6 +107,7 @@ fn show(host: usize, wall: &Arc<Wall>, order: Order, stop: watch::Receiver<bool>
             session_seed: Some([seed as u8; 32]),
             // Nodes without a scene count nothing, so that nothing is dropped; who means harm does.
             adaptive: Some(0.01),
+            budget: Some(ShowBudget::Percent(BUDGET_PERCENT)),
             ..ShowOptions::for_wall(wall)
         },
         wall: Arc::clone(wall),

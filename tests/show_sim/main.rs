@@ -6,7 +6,7 @@
 //! Promises checked in every run:
 //! - no frame is released before every live node that is not passed over has drawn it, and no node shows a frame before its release;
 //! - no frame waits longer than the barrier's wait, and only who has a fault of its own is passed over, or misses a frame;
-//! - what a node applies is what the master saw, in its order and at its scene time, also under the master that takes over;
+//! - what a node applies is what the master saw, in its order, at its scene time and to its budget, also under the master that takes over;
 //! - a standby takes over from a master that is gone, and from no other: there is one master at a time;
 //! - queues keep to their bounds, and no connection stays when who made it is gone;
 //! - a second after a node could connect again, if nothing happens any more, it shows the newest frames. It can connect when the fault is

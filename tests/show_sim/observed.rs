@@ -12,7 +12,7 @@ use mullion_server::swap_barrier::Standing;
 use tokio::sync::watch;
 
 use crate::BACK_WITHIN;
-use crate::cast::{LEAVES, MASTERS, RATE_HZ, wall};
+use crate::cast::{BUDGET_TRIANGLES, LEAVES, MASTERS, RATE_HZ, wall};
 use crate::plan::{Blow, Plan, Strike};
 use crate::session_support::visible;
 
@@ -212,6 +212,8 @@ impl Observed {
         self.hold(frame.dropped.is_empty(), || {
             format!("player {player}, frame {number}: nobody counted, and something is dropped")
         });
+        let order = frame.estimate.as_ref().map(|order| (order.triangles, order.is_complete, order.planes.len()));
+        self.hold(order == Some((BUDGET_TRIANGLES, false, 5)), || format!("player {player}, frame {number}: to {order:?}"));
         let is_in_time = (frame.scene_time_s - number as f64 / RATE_HZ).abs() < 1e-9;
         self.hold(is_in_time, || format!("player {player}, frame {number}: scene time {}", frame.scene_time_s));
         let connection = self.players[player].connection.as_mut().expect("it is connected");
