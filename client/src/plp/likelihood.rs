@@ -24,9 +24,9 @@ const LEAST_OPEN: f32 = 0.004;
 const LEAST_THROUGH: f32 = 0.02;
 /// How much of a cell's light is that of its brightest face; the rest is the mean. A mean alone gets dark along the surface of what is in full
 /// view, where a part of each cell is inside; the brightest alone lets light around every corner. `mullion bench plp` tells them apart.
-const BRIGHTEST_SHARE: f32 = 0.3;
-/// As many pixels that lie open make it as likely as not that one is seen: triangles hide each other more than short ways tell.
-const PIXELS_TO_BE_SEEN: f32 = 10.0;
+const BRIGHTEST_SHARE: f32 = 0.4;
+/// As many pixels that lie open make it as likely as not that one is seen.
+const PIXELS_TO_BE_SEEN: f32 = 1.0;
 
 /// What is known of the cells that light has come to, and the triangles of those that are open.
 #[derive(Debug, Default)]
@@ -173,9 +173,11 @@ impl Likelihood {
             let facings = tessellation.facings(place);
             for number in rows.flatten() {
                 let slot = first + u32::from(number);
-                if drawn.holds(slot) || leaf.is_away(facings[usize::from(number)]) {
+                let facing = facings[usize::from(number)];
+                if drawn.holds(slot) || leaf.is_away(facing) {
                     continue;
                 }
+                let pixels_per_m2 = pixels_per_m2 * leaf.slope(facing);
                 let class = class(&weights, pixels_per_m2, tessellation.exposures()[slot as usize]);
                 counts[usize::from(class) + 1] += 1;
                 self.candidates.push(Candidate { slot, place, class });
@@ -203,10 +205,11 @@ impl Lit {
         BRIGHTEST_SHARE * self.brightest + (1.0 - BRIGHTEST_SHARE) * self.came / self.all
     }
 
-    /// How much that counts: what is in the dark counts less than its light says, as hidden triangles of a cell are hidden together.
+    /// How much that counts, as its square: what is in the dark counts less than its light says, as hidden triangles of a cell are hidden
+    /// together.
     fn weight(&self) -> f32 {
         let light = self.light();
-        light * light.sqrt()
+        light * light
     }
 }
 

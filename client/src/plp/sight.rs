@@ -100,6 +100,12 @@ impl LeafSight {
         Self { eye: FacingEye::new(Vec3::ZERO, Vec3::ZERO, 0.0), shown: Shown::None }
     }
 
+    /// The sine of the angle, 0 to 1, at which a triangle of the leaf is looked at, from either side.
+    #[inline]
+    pub fn slope(&self, facing: Facing) -> f32 {
+        facing.slope_towards(&self.eye)
+    }
+
     /// Whether a triangle of the leaf is surely seen from behind.
     #[inline]
     pub fn is_away(&self, facing: Facing) -> bool {

@@ -133,7 +133,7 @@ impl Traversal {
         self.unfinished = None;
         self.done = Projected::default();
         match solidity {
-            Solidity::Paper => self.paper.begin(tessellation),
+            Solidity::Paper => self.paper.begin(tessellation, self.cells.sight.eye),
             Solidity::Likelihood => self.likelihood.begin(tessellation),
         }
         if tessellation.cells().is_empty() {
@@ -143,15 +143,15 @@ impl Traversal {
             Some(cell) => {
                 self.near = cell;
                 self.cells.set(cell, CellMark::Reached);
-                self.seed(cell);
+                self.seed(tessellation, cell);
             }
             None => self.seed_entries(tessellation),
         }
     }
 
-    fn seed(&mut self, cell: CellId) {
+    fn seed(&mut self, tessellation: &Tessellation, cell: CellId) {
         match self.solidity {
-            Solidity::Paper => self.paper.seed(&mut self.cells, cell),
+            Solidity::Paper => self.paper.seed(&mut self.cells, tessellation, cell),
             Solidity::Likelihood => self.likelihood.seed(&mut self.cells, cell),
         }
     }
@@ -167,7 +167,7 @@ impl Traversal {
             let from_eye = self.cells.sight.corners_from_eye(tessellation, cell);
             let is_entry = (0..4).any(|k| neighbours[k] == CellId::NONE && is_before(&from_eye, k));
             if is_entry && self.cells.is_in_sight(tessellation, cell) {
-                self.seed(cell);
+                self.seed(tessellation, cell);
             }
         }
     }
@@ -192,7 +192,7 @@ impl Traversal {
             let cell = match self.unfinished.take() {
                 Some(cell) => cell,
                 None => match self.cells.front.pop() {
-                    Some((key, cell)) if self.open(frame, cell, key) => cell,
+                    Some((_, cell)) if self.open(frame, cell) => cell,
                     Some(_) => continue,
                     None => {
                         self.done.is_complete = true;
@@ -212,7 +212,7 @@ impl Traversal {
     }
 
     /// What follows from a cell's leaving the front: its neighbours are enqueued. Whether its triangles are to be drawn at once.
-    fn open(&mut self, frame: &Frame<'_>, cell: CellId, key: f32) -> bool {
+    fn open(&mut self, frame: &Frame<'_>, cell: CellId) -> bool {
         let is_first = self.cells.mark(cell) != CellMark::Projected;
         if is_first {
             self.order.push(cell);
@@ -220,7 +220,7 @@ impl Traversal {
         }
         match self.solidity {
             Solidity::Paper => {
-                self.paper.open(&mut self.cells, frame.tessellation, cell, key);
+                self.paper.open(&mut self.cells, frame.tessellation, cell);
                 true
             }
             Solidity::Likelihood if is_first => {

@@ -26,9 +26,13 @@ impl Tessellation {
         if exposures.len() != slots as usize {
             return Err(TessellationError::Count { what: "exposures", found: exposures.len(), expected: slots.into() });
         }
+        let counts = || cells.iter().map(|cell| cell.triangle_count).filter(|count| *count > 0);
+        // At most 2²⁴ numbers of 32 bits, and their mean is no more than the largest.
+        let all: u64 = counts().map(u64::from).sum();
         let tessellation = Self {
             origin,
-            rho_max: cells.iter().map(|cell| cell.triangle_count).max().unwrap_or(0).max(1),
+            rho_max: counts().max().unwrap_or(1),
+            rho_mean: all.div_ceil(counts().count().max(1) as u64).max(1) as u32,
             vertices,
             cells,
             runs,

@@ -40,12 +40,24 @@ impl Facing {
         let plane = (f32::from(place) / STEPS - 1.0) * eye.radius;
         normal.dot(eye.to_eye) + normal.length() * (eye.slack - plane) < 0.0
     }
+
+    /// The sine of the angle, 0 to 1, at which an eye looks at the triangle, from either side: within a few hundredths for an eye that is
+    /// far from the leaf's box, and a guess for one that is not.
+    #[inline]
+    pub fn slope_towards(self, eye: &FacingEye) -> f32 {
+        let [u, v, place] = self.0;
+        let normal = direction(u, v);
+        let length = normal.length();
+        let height = normal.dot(eye.to_eye) - length * ((f32::from(place) / STEPS - 1.0) * eye.radius);
+        (height.abs() / (length * eye.distance).max(f32::MIN_POSITIVE)).min(1.0)
+    }
 }
 
 /// An eye in a leaf's local space, as many triangles are asked about it.
 #[derive(Clone, Copy, Debug)]
 pub struct FacingEye {
     to_eye: Vec3,
+    distance: f32,
     radius: f32,
     slack: f32,
 }
@@ -54,7 +66,8 @@ impl FacingEye {
     /// `middle` and `radius` as in [`Facing::new`].
     pub fn new(eye: Vec3, middle: Vec3, radius: f32) -> Self {
         let to_eye = eye - middle;
-        Self { to_eye, radius, slack: NORMAL_ERROR * (to_eye.length() + radius) }
+        let distance = to_eye.length();
+        Self { to_eye, distance, radius, slack: NORMAL_ERROR * (distance + radius) }
     }
 }
 
@@ -104,6 +117,21 @@ mod tests {
             let reach = (eye - middle).length() + radius;
             prop_assert!(away || height > -0.06 * reach, "it is {height} of {reach} behind");
         }
+    }
+
+    #[test]
+    fn slopes_are_those_of_the_view_on_the_plane() {
+        let corners = [Vec3::ZERO, Vec3::new(2.0, 0.0, 1.0), Vec3::new(0.5, 3.0, 0.0)];
+        let (middle, radius) = (Vec3::new(1.0, 1.5, 0.5), 2.0);
+        let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
+        let facing = Facing::new(corners, middle, radius);
+        for eye in [normal * 90.0, Vec3::new(60.0, -20.0, 70.0), Vec3::new(-3.0, 80.0, 5.0), corners[1] * 40.0] {
+            let right = normal.dot((eye - middle).normalize()).abs();
+            let found = facing.slope_towards(&FacingEye::new(eye, middle, radius));
+            assert!((found - right).abs() < 0.05, "{eye}: {found}, {right}");
+        }
+        assert!((0.0..=1.0).contains(&facing.slope_towards(&FacingEye::new(middle, middle, radius))));
+        assert!((0.0..=1.0).contains(&facing.slope_towards(&FacingEye::new(Vec3::splat(0.1), middle, radius))));
     }
 
     #[test]

@@ -86,6 +86,7 @@ const _: () = assert!(size_of::<LeafRun>() == 8);
 pub struct Tessellation {
     origin: DVec3,
     rho_max: u32,
+    rho_mean: u32,
     vertices: Vec<Vec3>,
     cells: Vec<Cell>,
     runs: Vec<LeafRun>,
@@ -129,6 +130,11 @@ impl Tessellation {
     /// The most triangles that touch one cell; at least 1.
     pub fn rho_max(&self) -> u32 {
         self.rho_max
+    }
+
+    /// How many triangles touch a cell that any touch, in the mean, rounded up; at least 1.
+    pub fn rho_mean(&self) -> u32 {
+        self.rho_mean
     }
 
     /// All cells, by [`CellId`].

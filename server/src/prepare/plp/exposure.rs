@@ -8,8 +8,8 @@ use super::rays::{Obstacle, RayTree};
 use super::world::WorldLeaves;
 use crate::generate::Random;
 
-/// How long rays are, in least sides of the octree's leaves: out of a room or from under a bonnet, but not across the street.
-const LENGTH: f32 = 1.25;
+/// How long rays are, in sides below which the octree's nodes are not divided: out of a room or from under a bonnet, but not across the street.
+const LENGTH: f32 = 2.5;
 /// Rays in all directions, of which a triangle uses those before it.
 const DIRECTIONS: usize = 20;
 /// A ray that leaves flatter than this sine says little and costs as much.
@@ -17,7 +17,7 @@ const LEAST_SINE: f32 = 0.1;
 /// The directions come from this seed.
 const SEED: u64 = 20;
 
-/// For each slot. `side_m` is the bound on the octree's leaves.
+/// For each slot. `side_m` is the side below which the octree's nodes are not divided.
 pub(super) fn exposures(world: &WorldLeaves, side_m: f32) -> Vec<Exposure> {
     let mut first_slots = Vec::with_capacity(world.leaves.len());
     let mut obstacles = Vec::new();

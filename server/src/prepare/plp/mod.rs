@@ -37,8 +37,8 @@ const ATTEMPTS: u64 = 4;
 /// How space is tessellated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TessellateOptions {
-    /// A node of the octree with a side below this share of the longest side of the scene's box is not divided. [`LEAF_SHARES`]; 0.05 by
-    /// default, as in the paper. Smaller: more and smaller cells.
+    /// A node of the octree with a side below this share of the longest side of the scene's box is not divided: the finest have half of it.
+    /// [`LEAF_SHARES`]; 0.05 by default, as in the paper. Smaller: more and smaller cells.
     pub leaf_share: f64,
 }
 

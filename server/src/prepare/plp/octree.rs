@@ -28,15 +28,20 @@ pub(super) struct OctreeLeaf {
     side_m: f32,
 }
 
-/// The leaves of the octree over all vertices, empty ones included where they meet the scene's box. The root is a cube on the longest side.
+/// The leaves of the octree over all vertices, empty ones included where they meet the scene's box.
+///
+/// The root is a cube of the least size, from the longest side up, that halving divides into nodes of just `leaf_share` of that side. Those
+/// are not below it and are divided once more: the finest leaves are half the share in every scene, not anything between half and all of it.
 pub(super) fn leaf_middles(world: &WorldLeaves, leaf_share: f64) -> Result<Vec<OctreeLeaf>, TessellateError> {
-    // The least depth at which a node's side is below the share.
-    let mut depth = 0u32;
-    while 0.5f64.powi(depth as i32) >= leaf_share {
+    let mut depth = 1u32;
+    let mut root_share = leaf_share;
+    while root_share < 1.0 {
+        root_share *= 2.0;
         depth += 1;
     }
-    let low = Vec3::splat(-world.longest_m / 2.0);
-    let code = |p: &Vec3| morton((*p - low).as_dvec3() / f64::from(world.longest_m)) >> (CODE_BITS - 3 * depth);
+    let root_m = world.longest_m * root_share as f32;
+    let low = Vec3::splat(-root_m / 2.0);
+    let code = |p: &Vec3| morton((*p - low).as_dvec3() / f64::from(root_m)) >> (CODE_BITS - 3 * depth);
     let mut counted: Vec<(u64, u64)> = world
         .leaves
         .par_iter()
@@ -48,7 +53,7 @@ pub(super) fn leaf_middles(world: &WorldLeaves, leaf_share: f64) -> Result<Vec<O
         .collect();
     counted.par_sort_unstable();
     let mut leaves = Vec::new();
-    let mut open = vec![(&counted[..], low, world.longest_m, depth)];
+    let mut open = vec![(&counted[..], low, root_m, depth)];
     while let Some((inside, corner, side_m, levels)) = open.pop() {
         let vertices: u64 = inside.iter().map(|(_, count)| count).sum();
         if levels == 0 || vertices <= VERTICES_IN_LEAF {
@@ -101,9 +106,9 @@ mod tests {
 
     #[test]
     fn nodes_are_divided_where_vertices_are() {
-        let half_m = Vec3::new(8.0, 4.0, 1.0);
+        let half_m = Vec3::new(8.0, 4.0, 1.0); // an eighth of 16 m is 2 m: divided into nodes of 1 m
         let crowd = [Vec3::new(-7.9, -3.9, -0.9), Vec3::new(-7.8, -3.9, -0.9), Vec3::new(-7.9, -3.8, -0.9)];
-        let leaves = leaf_middles(&world(vec![crowd, [half_m; 3]], half_m), 0.1).expect("few");
+        let leaves = leaf_middles(&world(vec![crowd, [half_m; 3]], half_m), 0.125).expect("few");
         let sides: Vec<f32> = leaves.iter().map(|leaf| leaf.side_m).collect();
         assert!(sides.contains(&1.0) && sides.contains(&8.0) && !sides.contains(&0.5), "{sides:?}");
         for leaf in &leaves {
