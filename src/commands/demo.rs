@@ -41,7 +41,7 @@ use crate::show::{self, Record};
 pub struct Options {
     #[command(flatten)]
     wall: WallChoice,
-    /// A glTF, GLB or package file, or the name of a generated scene: city, plant, palace, cathedrals, forest, garbage, boxes or
+    /// A glTF, GLB or package file, or the name of a generated scene: city, plp-city, cars, plant, palace, cathedrals, forest, garbage, boxes or
     /// boxes:LEAVES.
     #[arg(long, value_name = "FILE|NAME", default_value = "city")]
     scene: String,

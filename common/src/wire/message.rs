@@ -289,7 +289,6 @@ pub struct Welcome {
 
 /// From the master to a node, on the control connection.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(clippy::large_enum_variant, reason = "almost all messages are frames")]
 pub enum ToTile {
     /// The node is part of the wall.
     Welcome(Welcome),
