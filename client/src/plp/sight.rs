@@ -124,7 +124,7 @@ mod tests {
     proptest! {
         /// Goal: four lanes do what one face after another does, to the bit. Method: the plain formula.
         #[test]
-        fn solid_angles_are_those_of_each_face(corners in [[-9.0..9.0f32, -5.0..5.0, -2.0..2.0]; 4]) {
+        fn solid_angles_are_those_of_each_face(corners in proptest::array::uniform4([-9.0..9.0f32, -5.0..5.0, -2.0..2.0])) {
             let corners = corners.map(Vec3::from);
             for (k, found) in solid_angles(&corners).into_iter().enumerate() {
                 let (normal, [a, b, c]) = face(&corners, k);
