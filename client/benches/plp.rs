@@ -1,6 +1,8 @@
 //! The traversal of Prioritized-Layered Projection on one core: cells a second over a whole block without triangles, and of one with
 //! triangles to 5 % of them. `mullion bench plp` measures what it finds, on scenes.
 
+#![allow(missing_docs)] // of what criterion's macro makes
+
 #[allow(dead_code)] // the tests use more of it
 #[path = "../src/plp/tests/block.rs"]
 mod block;

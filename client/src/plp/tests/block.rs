@@ -133,6 +133,10 @@ pub fn block(seed: u64, cubes: [usize; 3], leaves: u32) -> Block {
         for (place, own) in triangles.chunks(TRIANGLES_IN_LEAF as usize).enumerate() {
             // As by their boxes: more than touch it.
             let meets = |t: &[Vec3; 3]| (0..3).all(|k| t.iter().any(|p| p[k] >= low[k]) && t.iter().any(|p| p[k] <= high[k]));
+            let leaf = &scene.leaves[place];
+            if (0..3).any(|k| leaf.local_max[k] < low[k] || leaf.local_min[k] > high[k]) {
+                continue;
+            }
             let numbers: Vec<u16> = (0..).zip(own).filter(|(_, t)| meets(t)).map(|(number, _)| number).collect();
             if !numbers.is_empty() {
                 push_numbers(&mut parts.words, &numbers);
