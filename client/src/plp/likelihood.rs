@@ -12,7 +12,7 @@ use mullion_common::scene::{CellId, Exposure, ExposureWeights, Tessellation};
 
 use super::drawn::Drawn;
 use super::leaves::Leaves;
-use super::sight::{CellSight, face, solid_angle};
+use super::sight::{CellSight, face, solid_angles};
 use super::traversal::{CellMark, Cells};
 use super::{Frame, Shown};
 
@@ -40,7 +40,7 @@ pub(super) struct Likelihood {
 /// Valid once its cell was reached in this frame.
 #[derive(Clone, Copy, Debug, Default)]
 struct Lit {
-    /// Solid angle of the faces that light comes in by; 0 where none has come.
+    /// Solid angle of the faces that light comes in by.
     all: f32,
     /// Light times solid angle, so far.
     came: f32,
@@ -60,13 +60,13 @@ struct Candidate {
 
 impl Likelihood {
     pub fn begin(&mut self, tessellation: &Tessellation) {
-        self.cells.clear();
         self.cells.resize(tessellation.cells().len(), Lit::default());
         self.candidates.clear();
     }
 
     /// All light comes to a cell.
     pub fn seed(&mut self, cells: &mut Cells, cell: CellId) {
+        cells.set(cell, CellMark::Reached);
         self.cells[cell.index()] = Lit { all: 1.0, came: 1.0, brightest: 1.0, ..Lit::default() };
         cells.front.enqueue(cell, -1.0);
     }
@@ -79,9 +79,8 @@ impl Likelihood {
         let cell = tessellation.cell(id);
         let light = self.cells[id.index()].light();
         let view = from_eye[0] + from_eye[1] + from_eye[2] + from_eye[3];
-        for (k, beyond) in cell.neighbours.into_iter().enumerate() {
-            let Some(beyond) = beyond.get() else { continue };
-            let angle = solid_angle(&from_eye, k);
+        for (k, angle) in solid_angles(&from_eye).into_iter().enumerate() {
+            let Some(beyond) = cell.neighbours[k].get() else { continue };
             if angle > 0.0 && cells.is_in_sight(tessellation, beyond) && cells.mark(beyond) != CellMark::Projected {
                 let out = face(&from_eye, k).0;
                 let through = light * (1.0 - cell.cover.of_face(k, out, view)).max(LEAST_THROUGH);
@@ -132,13 +131,14 @@ impl Likelihood {
 
     /// Light comes to a cell by a face of this solid angle.
     fn shine(&mut self, cells: &mut Cells, tessellation: &Tessellation, cell: CellId, angle: f32, light: f32) {
-        if self.cells[cell.index()].all == 0.0 {
+        if cells.mark(cell) != CellMark::Reached {
+            cells.set(cell, CellMark::Reached);
             let from_eye = cells.sight.corners_from_eye(tessellation, cell);
+            let neighbours = tessellation.cell(cell).neighbours;
             let mut all = f32::MIN_POSITIVE;
-            for (k, before) in tessellation.cell(cell).neighbours.into_iter().enumerate() {
-                let angle = -solid_angle(&from_eye, k);
-                if angle > 0.0 && before.get().is_some_and(|before| cells.is_in_sight(tessellation, before)) {
-                    all += angle;
+            for (before, angle) in neighbours.into_iter().zip(solid_angles(&from_eye)) {
+                if angle < 0.0 && before.get().is_some_and(|before| cells.is_in_sight(tessellation, before)) {
+                    all -= angle;
                 }
             }
             self.cells[cell.index()] = Lit { all, ..Lit::default() };
@@ -160,6 +160,9 @@ impl Likelihood {
         middle: Vec3,
     ) {
         let tessellation = frame.tessellation;
+        if tessellation.cell(cell).triangle_count == 0 {
+            return;
+        }
         let weights = ExposureWeights::towards(-middle);
         let pixels_per_m2 = pixels_per_m2(&cells.sight, middle);
         let start = self.candidates.len();
@@ -182,6 +185,9 @@ impl Likelihood {
                 counts[usize::from(class) + 1] += 1;
                 self.candidates.push(Candidate { slot, place, class });
             }
+        }
+        if self.candidates.len() == start {
+            return;
         }
         for class in 0..CLASSES {
             counts[class + 1] += counts[class];

@@ -30,7 +30,7 @@ use mullion_common::scene::{SceneManifest, Tessellation};
 /// How likely a cell is taken to be hidden.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Solidity {
-    /// The paper's Fig. 6: the number of triangles on the way, by how faces stand to the view.
+    /// The paper's, section 3.2: the number of triangles on the least solid way from the eye.
     Paper,
     /// What light would come through the fronts of triangles on the way, how far each triangle lies open towards the eye, and how large it
     /// would appear.

@@ -29,7 +29,7 @@ use super::leaves::Leaves;
 use super::traversal::{CellMark, Cells};
 use super::{Frame, Shown};
 
-/// How solid the way to the middle of each cell is that waits or was projected, in halves of a triangle: whole numbers, so that ways that are
+/// How solid the way to the middle of each cell is that was reached, in halves of a triangle: whole numbers, so that ways that are
 /// alike are equal.
 #[derive(Debug, Default)]
 pub(super) struct Paper {
@@ -40,13 +40,9 @@ pub(super) struct Paper {
     reach_m: f32,
 }
 
-/// Where nobody has come yet.
-const NO_WAY: f32 = f32::INFINITY;
-
 impl Paper {
     pub fn begin(&mut self, tessellation: &Tessellation, eye: Vec3) {
-        self.ways.clear();
-        self.ways.resize(tessellation.cells().len(), NO_WAY);
+        self.ways.resize(tessellation.cells().len(), 0.0);
         self.penalty = 2.0 * tessellation.rho_mean() as f32;
         self.reach_m = eye.length();
     }
@@ -76,9 +72,10 @@ impl Paper {
     /// update_solidity: there is a way to a cell that is as solid as that up to the cell.
     fn come(&mut self, cells: &mut Cells, tessellation: &Tessellation, b: CellId, from_eye: &[Vec3; 4], way: f32) {
         let way = way + tessellation.cell(b).triangle_count as f32;
-        if way >= self.ways[b.index()] {
+        if cells.mark(b) == CellMark::Reached && way >= self.ways[b.index()] {
             return;
         }
+        cells.set(b, CellMark::Reached);
         self.ways[b.index()] = way;
         let distance_m = (from_eye[0] + from_eye[1] + from_eye[2] + from_eye[3]).length() * 0.25;
         // Below a half, which no two solidities are closer than.

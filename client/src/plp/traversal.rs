@@ -46,12 +46,12 @@ pub struct Traversal {
 pub(super) struct Cells {
     pub front: Front,
     pub sight: CellSight,
-    /// Two bits of meaning and the frame's number: what is older than the frame means nothing.
+    /// Three bits of meaning and the frame's number: what is older than the frame means nothing.
     marks: Vec<u32>,
     frame: u32,
 }
 
-const KNOWN_BITS: u32 = 2;
+const KNOWN_BITS: u32 = 3;
 
 /// Where a cell stands in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +60,9 @@ pub(super) enum CellMark {
     New,
     /// The frustum does not meet it.
     Outside,
-    /// It was reached.
+    /// The frustum meets it; nobody has come there.
+    InSight,
+    /// It was reached: what its solidity knows of it is this frame's.
     Reached,
     /// It was projected.
     Projected,
@@ -82,10 +84,11 @@ impl Cells {
     #[inline]
     pub fn mark(&self, cell: CellId) -> CellMark {
         let mark = self.marks[cell.index()];
-        match (mark >> KNOWN_BITS == self.frame, mark & 3) {
+        match (mark >> KNOWN_BITS == self.frame, mark & ((1 << KNOWN_BITS) - 1)) {
             (false, _) => CellMark::New,
             (true, 1) => CellMark::Outside,
-            (true, 2) => CellMark::Reached,
+            (true, 2) => CellMark::InSight,
+            (true, 3) => CellMark::Reached,
             (true, _) => CellMark::Projected,
         }
     }
@@ -101,7 +104,7 @@ impl Cells {
         match self.mark(cell) {
             CellMark::New => {
                 let in_sight = self.sight.may_see(&self.sight.corners_from_eye(tessellation, cell));
-                self.set(cell, if in_sight { CellMark::Reached } else { CellMark::Outside });
+                self.set(cell, if in_sight { CellMark::InSight } else { CellMark::Outside });
                 in_sight
             }
             mark => mark != CellMark::Outside,
@@ -142,7 +145,6 @@ impl Traversal {
         match self.eye_cell(tessellation) {
             Some(cell) => {
                 self.near = cell;
-                self.cells.set(cell, CellMark::Reached);
                 self.seed(tessellation, cell);
             }
             None => self.seed_entries(tessellation),

@@ -6,6 +6,20 @@ use glam::Vec3;
 /// How far a decoded normal may be from the true one: the greatest distance between unit vectors that become the same bytes is less.
 const NORMAL_ERROR: f32 = 0.02;
 const STEPS: f32 = 127.0;
+/// What a normal's byte stands for: a look takes less than a division, and every triangle of a cell takes three.
+static COORDINATES: [f32; 256] = bytes(true);
+/// What a place's byte stands for, in radii.
+static PLACES: [f32; 256] = bytes(false);
+
+const fn bytes(signed: bool) -> [f32; 256] {
+    let mut values = [0.0; 256];
+    let mut k = 0;
+    while k < 256 {
+        values[k] = if signed { k as u8 as i8 as f32 / STEPS } else { k as f32 / STEPS - 1.0 };
+        k += 1;
+    }
+    values
+}
 
 /// A triangle's plane in its leaf's local space: its normal on an octahedron (Meyer et al., *On Floating-Point Normal Vectors*, 2010), a byte a
 /// coordinate, and how far along it the triangle lies in the leaf's box.
@@ -37,7 +51,7 @@ impl Facing {
     pub fn is_away_from(self, eye: &FacingEye) -> bool {
         let [u, v, place] = self.0;
         let normal = direction(u, v);
-        let plane = (f32::from(place) / STEPS - 1.0) * eye.radius;
+        let plane = PLACES[usize::from(place)] * eye.radius;
         normal.dot(eye.to_eye) + normal.length() * (eye.slack - plane) < 0.0
     }
 
@@ -48,7 +62,7 @@ impl Facing {
         let [u, v, place] = self.0;
         let normal = direction(u, v);
         let length = normal.length();
-        let height = normal.dot(eye.to_eye) - length * ((f32::from(place) / STEPS - 1.0) * eye.radius);
+        let height = normal.dot(eye.to_eye) - length * (PLACES[usize::from(place)] * eye.radius);
         (height.abs() / (length * eye.distance).max(f32::MIN_POSITIVE)).min(1.0)
     }
 }
@@ -79,7 +93,7 @@ fn decoded(u: u8, v: u8) -> Vec3 {
 /// The same, on the octahedron.
 #[inline]
 fn direction(u: u8, v: u8) -> Vec3 {
-    let (u, v) = (f32::from(u as i8) / STEPS, f32::from(v as i8) / STEPS);
+    let (u, v) = (COORDINATES[usize::from(u)], COORDINATES[usize::from(v)]);
     let z = 1.0 - u.abs() - v.abs();
     let fold = (-z).max(0.0);
     Vec3::new(u - fold.copysign(u), v - fold.copysign(v), z)
