@@ -74,6 +74,7 @@ impl Member {
 struct Begun {
     number: u64,
     at: Duration,
+    wait: Duration,
     released: bool,
 }
 
@@ -127,12 +128,20 @@ impl SwapBarrier {
 
     /// A frame begins, and takes the place of the one before, released or not. Numbers ascend.
     pub fn begin(&mut self, number: u64, now: Duration) {
+        self.begin_patiently(number, Duration::ZERO, now);
+    }
+
+    /// The same, and live nodes are waited for at least so long: for a frame that is known to take its time.
+    pub fn begin_patiently(&mut self, number: u64, at_least: Duration, now: Duration) {
         debug_assert!(self.begun.back().is_none_or(|b| b.number < number), "frames ascend");
         if self.begun.len() == REMEMBERED_FRAMES {
             self.begun.pop_front();
         }
-        self.begun.push_back(Begun { number, at: now, released: false });
-        self.first.get_or_insert(number);
+        let is_first = *self.first.get_or_insert(number) == number;
+        let starting = is_first && !self.options.start_nodes.is_empty();
+        let start_wait = if starting { self.options.start_wait } else { Duration::ZERO };
+        let wait = self.options.wait.max(start_wait).max(at_least);
+        self.begun.push_back(Begun { number, at: now, wait, released: false });
     }
 
     /// A node says that it is ready with a frame. `None` where no such frame can be meant: the node lies. Otherwise whether it may show
@@ -142,9 +151,8 @@ impl SwapBarrier {
         if number > newest.number {
             return None;
         }
-        let wait = self.wait_of(number);
         let begun = self.begun.iter().rev().find(|b| b.number == number).copied();
-        let in_time = begun.is_some_and(|begun| now.saturating_sub(begun.at) <= wait);
+        let in_time = begun.is_some_and(|begun| now.saturating_sub(begun.at) <= begun.wait);
         let member = self.member(node);
         if member.standing == Standing::Absent || member.ready.is_some_and(|ready| ready >= number) {
             return Some(ShowNow::No); // said before
@@ -168,7 +176,7 @@ impl SwapBarrier {
             return None;
         }
         let waited = now.saturating_sub(newest.at);
-        let over = waited >= self.wait_of(newest.number);
+        let over = waited >= newest.wait;
         if !over && !self.all_ready(newest.number) {
             return None;
         }
@@ -190,7 +198,7 @@ impl SwapBarrier {
     /// When [`SwapBarrier::poll`] releases the newest frame at the latest.
     pub fn deadline(&self) -> Option<Duration> {
         let newest = self.begun.back().filter(|b| !b.released)?;
-        Some(newest.at + self.wait_of(newest.number))
+        Some(newest.at + newest.wait)
     }
 
     fn all_ready(&self, number: u64) -> bool {
@@ -202,11 +210,6 @@ impl SwapBarrier {
         }
         // Where nobody is live, frames keep to the wait instead of racing ahead of those that are coming.
         self.members.iter().any(|m| m.ready == Some(number))
-    }
-
-    fn wait_of(&self, number: u64) -> Duration {
-        let starting = self.first == Some(number) && !self.options.start_nodes.is_empty();
-        if starting { self.options.start_wait.max(self.options.wait) } else { self.options.wait }
     }
 
     fn member(&mut self, node: NodeIndex) -> &mut Member {
@@ -351,6 +354,19 @@ mod tests {
         assert_eq!(barrier.standing(B), Standing::Trying);
         barrier.begin(50, ms(2000));
         assert_eq!(barrier.ready(B, 50, ms(2001)), Some(ShowNow::No), "nobody shows it yet");
+    }
+
+    #[test]
+    fn a_frame_that_takes_its_time_is_waited_for() {
+        let mut barrier = running();
+        barrier.begin_patiently(2, ms(500), ms(1100));
+        assert_eq!(barrier.ready(A, 2, ms(1103)), Some(ShowNow::No));
+        assert_eq!((barrier.poll(ms(1599)), barrier.deadline()), (None, Some(ms(1600))));
+        assert_eq!(barrier.ready(B, 2, ms(1599)), Some(ShowNow::No));
+        assert_eq!(barrier.poll(ms(1599)), Some(Release { number: 2, waited: ms(499), passed_over: vec![] }));
+        barrier.begin(3, ms(1600));
+        assert_eq!(barrier.ready(A, 3, ms(1603)), Some(ShowNow::No));
+        assert_eq!(barrier.poll(ms(1600 + WAIT_MS)).map(|release| release.passed_over), Some(vec![B]), "that one only");
     }
 
     #[test]

@@ -9,12 +9,12 @@ use std::time::Duration;
 use glam::{DAffine3, DVec3};
 use mullion_common::geometry::Plane;
 use mullion_common::scene::{ChunkHash, ObjectId, Presence, SectionKind, Transform};
+use mullion_common::throughput::{FIRST_TRIANGLES, LEAST_TRIANGLES};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{Estimate, Hello, Moved, Opening, Part, SectionRef, Steering, ToMaster, ToTile};
 use mullion_server::master::{
-    EstimateOptions, FIRST_TRIANGLES, FrameInput, LATE_ANSWERS, LEAST_TRIANGLES, Master, MasterOptions, Output, Pace, PeerId,
-    REST_FRAMES, Spent, WallBudget,
+    EstimateOptions, FrameInput, LATE_ANSWERS, Master, MasterOptions, Output, Pace, PeerId, REST_FRAMES, Spent, WallBudget,
 };
 use mullion_server::swap_barrier::BarrierOptions;
 use outputs::sent;

@@ -17,6 +17,9 @@ use crate::swap_barrier::{NodeIndex, ShowNow};
 
 /// After so many frames in which nothing moved, all that is seen is drawn: half a second at 60 Hz.
 pub const REST_FRAMES: u32 = 30;
+/// How long the first of those frames is waited for at least: while all stands still, nobody sees it come late, but everybody that tiles show it
+/// one by one.
+pub const COMPLETE_WAIT: Duration = Duration::from_secs(1);
 /// How many late answers of a node count after it was passed over, or has come.
 pub const LATE_ANSWERS: u8 = 8;
 /// How many frames back an answer still tells something.
@@ -144,6 +147,11 @@ impl Estimates {
         }
         self.begun.push_back(Begun { number: input.number, at: now, triangles, is_complete: self.order.is_complete });
         self.slowest_us = 0;
+    }
+
+    /// How long the newest frame is waited for at least.
+    pub fn patience(&self) -> Duration {
+        if self.order.is_complete && self.rested == REST_FRAMES { COMPLETE_WAIT } else { Duration::ZERO }
     }
 
     /// What nodes are told with the newest frame.

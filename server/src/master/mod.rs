@@ -43,7 +43,7 @@ use admission::Claim;
 use epochs::NextEpoch;
 pub use epochs::{EPOCH_WAIT, EpochError};
 use estimates::Estimates;
-pub use estimates::{EstimateOptions, LATE_ANSWERS, REST_FRAMES, Spent, WallBudget};
+pub use estimates::{COMPLETE_WAIT, EstimateOptions, LATE_ANSWERS, REST_FRAMES, Spent, WallBudget};
 use history::History;
 pub use interface::{FrameInput, FrameReleased, MasterOptions, Output, Pace, Stage};
 pub(crate) use last_words::LastWords;
@@ -355,7 +355,8 @@ impl Master {
         self.history.push(input, self.contributions.as_ref().map_or(&nothing, Contributions::dropped));
         self.next_frame += 1;
         self.phase = Phase::Running;
-        self.barrier.begin(input.number, now);
+        let patience = self.estimates.as_ref().map_or(Duration::ZERO, Estimates::patience);
+        self.barrier.begin_patiently(input.number, patience, now);
         for node in 0..self.nodes.len() as u16 {
             self.send_frame(NodeIndex(node), now, is_done);
         }
