@@ -4,13 +4,15 @@
 //! Whatever an eye sees lies in a cell, and the way to it leads through cells. The first of them that is not wholly drawn is nearer than what
 //! is seen, so nothing hides it from the eye there: while something is missing, some cell that waits is found to be seen.
 
+use std::ops::ControlFlow;
+
 use mullion_common::geometry::Aabb;
 use mullion_common::scene::{CellId, Tessellation};
 
 use super::drawn::Drawn;
 use super::leaves::Leaves;
 use super::sight::CellSight;
-use super::{Estimate, Frame, Shown, Traversal};
+use super::{Estimate, Frame, Traversal};
 
 /// A view's completion. Takes memory in its first frames only.
 #[derive(Debug, Default)]
@@ -124,20 +126,10 @@ impl Completion {
 
     /// Draws all triangles of a cell that may be seen.
     fn project(&mut self, frame: &Frame<'_>, cell: CellId) {
-        for (place, rows) in frame.tessellation.runs(cell) {
-            let leaf = self.leaves.sight(frame, place);
-            if leaf.shown == Shown::None {
-                continue;
-            }
-            let first = frame.tessellation.slots(place).start;
-            let facings = frame.tessellation.facings(place);
-            for number in rows.flatten() {
-                let slot = first + u32::from(number);
-                if !self.drawn.holds(slot) && !leaf.is_away(facings[usize::from(number)]) {
-                    self.drawn.take(place, slot);
-                    self.added.push((place, slot));
-                }
-            }
-        }
+        self.leaves.visit(frame, cell, &mut self.drawn, |drawn, open| {
+            drawn.take(open.place, open.slot);
+            self.added.push((open.place, open.slot));
+            ControlFlow::Continue(())
+        });
     }
 }

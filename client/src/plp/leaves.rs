@@ -1,7 +1,10 @@
 //! How each leaf is seen in a frame, found out once, when a cell holds the leaf.
 
-use mullion_common::scene::Tessellation;
+use std::ops::ControlFlow;
 
+use mullion_common::scene::{CellId, Facing, Tessellation};
+
+use super::drawn::Drawn;
 use super::sight::LeafSight;
 use super::{Frame, Shown};
 
@@ -13,6 +16,14 @@ pub(super) struct Leaves {
     /// No business of the tessellation's.
     left_out: Vec<bool>,
     frame: u32,
+}
+
+/// A triangle that may be seen and is not drawn.
+pub(super) struct OpenTriangle<'a> {
+    pub place: u32,
+    pub slot: u32,
+    pub facing: Facing,
+    pub leaf: &'a LeafSight,
 }
 
 impl Leaves {
@@ -42,6 +53,35 @@ impl Leaves {
     /// By place: which leaves are no business of the tessellation's; may be shorter.
     pub fn left_out(&self) -> &[bool] {
         &self.left_out
+    }
+
+    /// Visits the triangles of a cell that may be seen and are not drawn, until told to stop; whether it came to the end.
+    #[inline]
+    pub fn visit(
+        &mut self,
+        frame: &Frame<'_>,
+        cell: CellId,
+        drawn: &mut Drawn,
+        mut visit: impl FnMut(&mut Drawn, OpenTriangle<'_>) -> ControlFlow<()>,
+    ) -> bool {
+        for (place, rows) in frame.tessellation.runs(cell) {
+            let leaf = self.sight(frame, place);
+            if leaf.shown == Shown::None {
+                continue;
+            }
+            let first = frame.tessellation.slots(place).start;
+            let facings = frame.tessellation.facings(place);
+            for number in rows.flatten() {
+                let (slot, facing) = (first + u32::from(number), facings[usize::from(number)]);
+                if drawn.holds(slot) || leaf.is_away(facing) {
+                    continue;
+                }
+                if visit(drawn, OpenTriangle { place, slot, facing, leaf: &leaf }).is_break() {
+                    return false;
+                }
+            }
+        }
+        true
     }
 
     #[inline]

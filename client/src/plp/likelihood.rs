@@ -7,14 +7,16 @@
 //!
 //! Only sums, products, quotients and square roots: the same order on every machine.
 
+use std::ops::ControlFlow;
+
 use glam::Vec3;
 use mullion_common::scene::{CellId, Exposure, ExposureWeights, Tessellation};
 
+use super::Frame;
 use super::drawn::Drawn;
 use super::leaves::Leaves;
 use super::sight::{CellSight, face, solid_angles};
 use super::traversal::{CellMark, Cells};
-use super::{Frame, Shown};
 
 /// Classes of likelihood, where all light comes through: 1 to a half, a half to a quarter, and so on.
 const CLASSES: usize = 12;
@@ -72,7 +74,7 @@ impl Likelihood {
     }
 
     /// Opens a cell: light goes on to the neighbours behind it, and it waits for its first triangles' turn.
-    pub fn open(&mut self, cells: &mut Cells, leaves: &mut Leaves, drawn: &Drawn, frame: &Frame<'_>, id: CellId) {
+    pub fn open(&mut self, cells: &mut Cells, leaves: &mut Leaves, drawn: &mut Drawn, frame: &Frame<'_>, id: CellId) {
         let tessellation = frame.tessellation;
         cells.set(id, CellMark::Projected);
         let from_eye = cells.sight.corners_from_eye(tessellation, id);
@@ -154,7 +156,7 @@ impl Likelihood {
         &mut self,
         cells: &Cells,
         leaves: &mut Leaves,
-        drawn: &Drawn,
+        drawn: &mut Drawn,
         frame: &Frame<'_>,
         cell: CellId,
         middle: Vec3,
@@ -167,25 +169,13 @@ impl Likelihood {
         let pixels_per_m2 = pixels_per_m2(&cells.sight, middle);
         let start = self.candidates.len();
         let mut counts = [0usize; CLASSES + 1];
-        for (place, rows) in tessellation.runs(cell) {
-            let leaf = leaves.sight(frame, place);
-            if leaf.shown == Shown::None {
-                continue;
-            }
-            let first = tessellation.slots(place).start;
-            let facings = tessellation.facings(place);
-            for number in rows.flatten() {
-                let slot = first + u32::from(number);
-                let facing = facings[usize::from(number)];
-                if drawn.holds(slot) || leaf.is_away(facing) {
-                    continue;
-                }
-                let pixels_per_m2 = pixels_per_m2 * leaf.slope(facing);
-                let class = class(&weights, pixels_per_m2, tessellation.exposures()[slot as usize]);
-                counts[usize::from(class) + 1] += 1;
-                self.candidates.push(Candidate { slot, place, class });
-            }
-        }
+        leaves.visit(frame, cell, drawn, |_, open| {
+            let pixels_per_m2 = pixels_per_m2 * open.leaf.slope(open.facing);
+            let class = class(&weights, pixels_per_m2, tessellation.exposures()[open.slot as usize]);
+            counts[usize::from(class) + 1] += 1;
+            self.candidates.push(Candidate { slot: open.slot, place: open.place, class });
+            ControlFlow::Continue(())
+        });
         if self.candidates.len() == start {
             return;
         }

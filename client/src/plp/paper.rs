@@ -21,13 +21,15 @@
 //!
 //! Counts and the geometry of cells are all that it uses.
 
+use std::ops::ControlFlow;
+
 use glam::Vec3;
 use mullion_common::scene::{CellId, FACES, Tessellation};
 
+use super::Frame;
 use super::drawn::Drawn;
 use super::leaves::Leaves;
 use super::traversal::{CellMark, Cells};
-use super::{Frame, Shown};
 
 /// How solid the way to the middle of each cell is that was reached, in halves of a triangle: whole numbers, so that ways that are
 /// alike are equal.
@@ -85,25 +87,13 @@ impl Paper {
 
     /// Draws a cell's triangles; whether the budget allowed all of them.
     pub fn draw(leaves: &mut Leaves, drawn: &mut Drawn, frame: &Frame<'_>, cell: CellId, budget: u32) -> bool {
-        for (place, rows) in frame.tessellation.runs(cell) {
-            let leaf = leaves.sight(frame, place);
-            if leaf.shown == Shown::None {
-                continue;
+        leaves.visit(frame, cell, drawn, |drawn, candidate| {
+            if drawn.count() == budget {
+                return ControlFlow::Break(());
             }
-            let first = frame.tessellation.slots(place).start;
-            let facings = frame.tessellation.facings(place);
-            for number in rows.flatten() {
-                let slot = first + u32::from(number);
-                if drawn.holds(slot) || leaf.is_away(facings[usize::from(number)]) {
-                    continue;
-                }
-                if drawn.count() == budget {
-                    return false;
-                }
-                drawn.take(place, slot);
-            }
-        }
-        true
+            drawn.take(candidate.place, candidate.slot);
+            ControlFlow::Continue(())
+        })
     }
 }
 

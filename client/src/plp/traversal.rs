@@ -226,7 +226,7 @@ impl Traversal {
                 true
             }
             Solidity::Likelihood if is_first => {
-                self.likelihood.open(&mut self.cells, &mut self.leaves, &self.drawn, frame, cell);
+                self.likelihood.open(&mut self.cells, &mut self.leaves, &mut self.drawn, frame, cell);
                 false
             }
             Solidity::Likelihood => true,
