@@ -89,7 +89,7 @@ impl Leaves {
         let (number, known) = &mut self.sights[place as usize];
         if *number != self.frame {
             let leaf = frame.tessellation.leaves()[place as usize];
-            *known = LeafSight::new(frame.scene, leaf, frame.sight.eye, frame.sight.planes);
+            *known = LeafSight::new(frame.scene, leaf, frame.sight.eye);
             if self.left_out[place as usize] {
                 known.shown = Shown::None;
             }

@@ -77,7 +77,7 @@ pub struct Frame<'a> {
 /// Which of a leaf's triangles may be seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shown {
-    /// None: it is outside the frustum, or not the tessellation's business any more.
+    /// None: it is not the tessellation's business any more.
     None,
     /// Those whose front is towards the eye.
     Fronts,

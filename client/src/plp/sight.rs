@@ -1,7 +1,7 @@
 //! Cells and leaves as an eye sees them.
 
 use glam::{DVec3, Vec3, Vec4, Vec4Swizzles};
-use mullion_common::geometry::{Containment, Obb, Plane};
+use mullion_common::geometry::Plane;
 use mullion_common::scene::{CellId, FACES, Facing, FacingEye, SceneManifest, Tessellation};
 
 use super::{Shown, Sight};
@@ -83,20 +83,15 @@ pub(super) struct LeafSight {
 }
 
 impl LeafSight {
-    /// The leaf's box in the world is held against the planes: conservative.
-    pub fn new(scene: &SceneManifest, leaf: u32, eye: DVec3, planes: &[Plane]) -> Self {
+    /// Wherever it is: cells are held against the planes. Of a leaf at the frustum's edge all triangles would come and go at once.
+    pub fn new(scene: &SceneManifest, leaf: u32, eye: DVec3) -> Self {
         let record = &scene.leaves[leaf as usize];
         let world_from_local = scene.transforms[record.object.0 as usize].affine();
-        let bound = Obb::from(record.local_aabb()).transformed(&world_from_local);
-        let is_outside = planes.iter().any(|plane| plane.classify(&bound, eye) == Containment::Outside);
         let eye_in_leaf = world_from_local.inverse().transform_point3(eye).as_vec3();
         let (middle, radius) = record.middle_and_radius();
-        let shown = match (is_outside, scene.materials[record.material.0 as usize].double_sided) {
-            (true, _) => Shown::None,
-            // What has no inverse, or an eye too far for `f32`, tells nothing about fronts.
-            (false, double_sided) if double_sided || !eye_in_leaf.is_finite() => Shown::All,
-            (false, _) => Shown::Fronts,
-        };
+        let is_double_sided = scene.materials[record.material.0 as usize].double_sided;
+        // What has no inverse, or an eye too far for `f32`, tells nothing about fronts.
+        let shown = if is_double_sided || !eye_in_leaf.is_finite() { Shown::All } else { Shown::Fronts };
         Self { eye: FacingEye::new(eye_in_leaf, middle, radius), shown }
     }
 

@@ -77,7 +77,7 @@ impl<'a> Contest<'a> {
         let way = |name: &str| WayFigures {
             name: name.to_owned(),
             budgets: budgets.iter().map(|_| BudgetFigures::default()).collect(),
-            popping: None,
+            popping: Vec::new(),
         };
         let ranges = tessellation.leaves().iter().map(|leaf| LeafRange::new(*leaf, leaf + 1));
         Ok(Self {
@@ -206,8 +206,7 @@ impl<'a> Contest<'a> {
         self.judge.begin(traversal, next, solidity);
         self.judge.project(traversal, next, budget);
         let popping = change(&held, &slots(traversal, self.judge.triangles())) - change(seen.visible(), next.visible());
-        let worst = &mut self.ways[way].popping;
-        *worst = Some(worst.map_or(popping, |worst| worst.max(popping)));
+        self.ways[way].popping.push(popping);
         Ok(())
     }
 

@@ -43,8 +43,8 @@ pub struct WayFigures {
     pub name: String,
     /// For each budget.
     pub budgets: Vec<BudgetFigures>,
-    /// The greatest change of the estimate between two frames 0.1 degrees apart, beyond that of the visible set.
-    pub popping: Option<f64>,
+    /// Frame by frame: what share of the estimate changes when the view turns by 0.1 degrees, beyond that of the visible set.
+    pub popping: Vec<f64>,
 }
 
 /// Frame by frame.
@@ -135,7 +135,11 @@ impl Table {
         let greatest = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
         for way in &self.ways {
             let each = |of: &dyn Fn(&BudgetFigures) -> f64| way.budgets.iter().map(of).collect::<Vec<f64>>();
-            let popping = way.popping.map(|share| format!("   popping {:.2} %", share * 100.0)).unwrap_or_default();
+            let worst = way.popping.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let popping = match way.popping[..] {
+                [] => String::new(),
+                _ => format!("   popping {:.2} %, at worst {:.2} %", percent(mean(&way.popping)), percent(worst)),
+            };
             line(&format!("{}: found, %", way.name), each(&|b| percent(mean(&b.coverage))), &popping);
             line("  in the worst frame", each(&|b| percent(least(&b.coverage))), "");
             line("  wrong pixels, %", each(&|b| percent(mean(&b.wrong_pixels))), "");
