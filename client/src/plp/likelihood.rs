@@ -1,9 +1,9 @@
 //! How likely a triangle is seen: what comes through to its cell, how far it lies open towards the eye, how large it appears.
 //!
 //! Light goes from the eye's cell on through faces, from front to back. A cell gets what its neighbours before it let through, by the solid
-//! angles of the faces between; of that, its triangles' fronts keep a share, which was measured along the axes. When a cell is opened, its
-//! triangles are sorted by how likely they are seen, and drawn class by class: those that lie open first, those that hardly do after what lies
-//! open further back.
+//! angles of the faces between; of that, its triangles' fronts keep a share, which was measured along the axes. Then it waits for the turn that
+//! its most open triangle may have at best: what lies in the dark and hardly open is never looked at. When that comes, its triangles are sorted
+//! by how likely they are seen, and drawn class by class: those that lie open first, those that hardly do after what lies open further back.
 //!
 //! Only sums, products, quotients and square roots: the same order on every machine.
 
@@ -34,6 +34,8 @@ const PIXELS_TO_BE_SEEN: f32 = 1.0;
 #[derive(Debug, Default)]
 pub(super) struct Likelihood {
     cells: Vec<Lit>,
+    /// By cell: more than what of any of its triangles lies open in any direction, m².
+    open_m2: Vec<f32>,
     /// Triangles of open cells, a cell's in one piece, likely ones first.
     candidates: Vec<Candidate>,
     sorted: Vec<Candidate>,
@@ -48,10 +50,13 @@ struct Lit {
     came: f32,
     /// Light of the brightest of these faces.
     brightest: f32,
-    /// Its triangles that were not drawn yet, among the candidates.
+    /// Its triangles that were not drawn yet, among the candidates; [`UNSORTED`]: they are not there yet.
     next: u32,
     end: u32,
 }
+
+/// The triangles of a cell that is open are no candidates yet.
+const UNSORTED: u32 = u32::MAX;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Candidate {
@@ -64,6 +69,9 @@ impl Likelihood {
     pub fn begin(&mut self, tessellation: &Tessellation) {
         self.cells.resize(tessellation.cells().len(), Lit::default());
         self.candidates.clear();
+        if self.open_m2.len() != tessellation.cells().len() {
+            self.open_m2 = (0..tessellation.cells().len() as u32).map(|cell| most_open_m2(tessellation, CellId(cell))).collect();
+        }
     }
 
     /// All light comes to a cell.
@@ -73,9 +81,8 @@ impl Likelihood {
         cells.front.enqueue(cell, -1.0);
     }
 
-    /// Opens a cell: light goes on to the neighbours behind it, and it waits for its first triangles' turn.
-    pub fn open(&mut self, cells: &mut Cells, leaves: &mut Leaves, drawn: &mut Drawn, frame: &Frame<'_>, id: CellId) {
-        let tessellation = frame.tessellation;
+    /// Opens a cell: light goes on to the neighbours behind it, and it waits for the turn that its triangles have at best.
+    pub fn open(&mut self, cells: &mut Cells, tessellation: &Tessellation, id: CellId) {
         cells.set(id, CellMark::Projected);
         let from_eye = cells.sight.corners_from_eye(tessellation, id);
         let cell = tessellation.cell(id);
@@ -89,8 +96,12 @@ impl Likelihood {
                 self.shine(cells, tessellation, beyond, angle, through);
             }
         }
-        self.sort_triangles(cells, leaves, drawn, frame, id, view * 0.25);
-        self.wait(cells, id);
+        if cell.triangle_count > 0 {
+            let lit = &mut self.cells[id.index()];
+            (lit.next, lit.end) = (UNSORTED, 0);
+            let at_best = class(self.open_m2[id.index()] * pixels_per_m2(&cells.sight, view * 0.25));
+            cells.front.enqueue(id, -(lit.weight() * likely(at_best)));
+        }
     }
 
     /// Whether nothing of an open cell is left.
@@ -99,8 +110,21 @@ impl Likelihood {
         next == end
     }
 
-    /// Draws the class whose turn it is; whether the budget allowed all of it. The cell waits for its next class.
-    pub fn draw(&mut self, cells: &mut Cells, drawn: &mut Drawn, cell: CellId, budget: u32) -> bool {
+    /// Draws the class whose turn it is; whether the budget allowed all of it. The cell waits for its next class. One whose triangles were not
+    /// sorted yet waits for its first.
+    pub fn draw(
+        &mut self,
+        cells: &mut Cells,
+        (leaves, drawn): (&mut Leaves, &mut Drawn),
+        frame: &Frame<'_>,
+        cell: CellId,
+        budget: u32,
+    ) -> bool {
+        if self.cells[cell.index()].next == UNSORTED {
+            self.sort_triangles(cells, leaves, drawn, frame, cell);
+            self.wait(cells, cell);
+            return true;
+        }
         let Lit { next, end, .. } = self.cells[cell.index()];
         let class = self.candidates[next as usize].class;
         for at in next..end {
@@ -151,32 +175,26 @@ impl Likelihood {
         cells.front.enqueue(cell, -lit.weight());
     }
 
-    /// Notes the triangles of a cell that may be seen and are not drawn, by class. `middle` is the cell's, from the eye.
-    fn sort_triangles(
-        &mut self,
-        cells: &Cells,
-        leaves: &mut Leaves,
-        drawn: &mut Drawn,
-        frame: &Frame<'_>,
-        cell: CellId,
-        middle: Vec3,
-    ) {
+    /// Notes the triangles of a cell that may be seen and are not drawn, by class.
+    fn sort_triangles(&mut self, cells: &Cells, leaves: &mut Leaves, drawn: &mut Drawn, frame: &Frame<'_>, cell: CellId) {
         let tessellation = frame.tessellation;
-        if tessellation.cell(cell).triangle_count == 0 {
-            return;
-        }
+        let [a, b, c, d] = cells.sight.corners_from_eye(tessellation, cell);
+        let middle = (a + b + c + d) * 0.25;
         let weights = ExposureWeights::towards(-middle);
         let pixels_per_m2 = pixels_per_m2(&cells.sight, middle);
         let start = self.candidates.len();
         let mut counts = [0usize; CLASSES + 1];
         leaves.visit(frame, cell, drawn, |_, open| {
             let pixels_per_m2 = pixels_per_m2 * open.leaf.slope(open.facing);
-            let class = class(&weights, pixels_per_m2, tessellation.exposures()[open.slot as usize]);
+            let exposure = tessellation.exposures()[open.slot as usize];
+            let class = class(open_m2(exposure, weights.of(exposure)) * pixels_per_m2);
             counts[usize::from(class) + 1] += 1;
             self.candidates.push(Candidate { slot: open.slot, place: open.place, class });
             ControlFlow::Continue(())
         });
-        if self.candidates.len() == start {
+        let lit = &mut self.cells[cell.index()];
+        (lit.next, lit.end) = (start as u32, self.candidates.len() as u32);
+        if lit.next == lit.end {
             return;
         }
         for class in 0..CLASSES {
@@ -190,8 +208,6 @@ impl Likelihood {
             *at += 1;
         }
         self.candidates[start..].copy_from_slice(&self.sorted);
-        let lit = &mut self.cells[cell.index()];
-        (lit.next, lit.end) = (start as u32, self.candidates.len() as u32);
     }
 }
 
@@ -209,12 +225,31 @@ impl Lit {
     }
 }
 
+/// How much of a triangle lies open, m², where that is a share of it towards an eye.
+#[inline]
+fn open_m2(exposure: Exposure, share: f32) -> f32 {
+    exposure.area_m2() * (LEAST_OPEN + (1.0 - LEAST_OPEN) * share * share)
+}
+
+/// More than what of any triangle of a cell lies open in any direction, m².
+fn most_open_m2(tessellation: &Tessellation, cell: CellId) -> f32 {
+    /// For products that are rounded otherwise.
+    const SLACK: f32 = 1.0 + 1e-5;
+    let mut most = 0f32;
+    for (place, rows) in tessellation.runs(cell) {
+        let first = tessellation.slots(place).start;
+        for number in rows.flatten() {
+            let exposure = tessellation.exposures()[(first + u32::from(number)) as usize];
+            most = most.max(open_m2(exposure, exposure.most()));
+        }
+    }
+    most * SLACK
+}
+
 /// The class of a triangle: by how many of its pixels lie open towards the eye.
 #[inline]
-fn class(weights: &ExposureWeights, pixels_per_m2: f32, exposure: Exposure) -> u8 {
-    let share = weights.of(exposure);
-    let open = exposure.area_m2() * pixels_per_m2 * (LEAST_OPEN + (1.0 - LEAST_OPEN) * share * share);
-    let likely = open / (open + PIXELS_TO_BE_SEEN);
+fn class(open_px: f32) -> u8 {
+    let likely = open_px / (open_px + PIXELS_TO_BE_SEEN);
     // The exponent counts halvings from 1 on.
     (126 - (likely.to_bits() >> 23).min(126)).min(CLASSES as u32 - 1) as u8
 }

@@ -205,7 +205,7 @@ impl Traversal {
             let (leaves, drawn) = (&mut self.leaves, &mut self.drawn);
             let all = match self.solidity {
                 Solidity::Paper => Paper::draw(leaves, drawn, frame, cell, budget),
-                Solidity::Likelihood => self.likelihood.draw(&mut self.cells, drawn, cell, budget),
+                Solidity::Likelihood => self.likelihood.draw(&mut self.cells, (leaves, drawn), frame, cell, budget),
             };
             self.unfinished = (!all).then_some(cell);
         }
@@ -226,7 +226,7 @@ impl Traversal {
                 true
             }
             Solidity::Likelihood if is_first => {
-                self.likelihood.open(&mut self.cells, &mut self.leaves, &mut self.drawn, frame, cell);
+                self.likelihood.open(&mut self.cells, frame.tessellation, cell);
                 false
             }
             Solidity::Likelihood => true,

@@ -38,6 +38,12 @@ impl Exposure {
         LEAST_AREA_M2 * (1u32 << (2 * size)) as f32
     }
 
+    /// The greatest share in any direction, 0 to 1.
+    #[inline]
+    pub fn most(self) -> f32 {
+        f32::from((0..6).map(|k| self.0 >> (2 * k) & 3).fold(0, u16::max)) / LEVELS
+    }
+
     /// The share, 0 to 1, for an eye in the direction `towards`, of any length but 0: the three directions next to it by the squares of its
     /// coordinates, which together are 1 for a unit vector.
     #[inline]
@@ -88,6 +94,7 @@ mod tests {
         close(exposure.towards(Vec3::new(3.0, 0.0, 4.0)), 9.0 / 25.0);
         close(Exposure::new([1.0; 6], 1.0).towards(Vec3::new(-1.0, 2.0, -5.0)), 1.0);
         assert!(exposure.towards(Vec3::ZERO).is_finite());
+        assert_eq!([exposure.most(), Exposure::new([0.0, 0.3, 0.0, 0.7, 0.3, 0.0], 1.0).most()], [1.0, 2.0 / 3.0]);
         for area_m2 in [1.5e-7, 1e-6, 3.3e-4, 0.3, 1.0, 7.0, 450.0] {
             let ratio = Exposure::new([0.0; 6], area_m2).area_m2() / area_m2;
             assert!((0.49..2.01).contains(&ratio), "{area_m2}: {ratio}");
