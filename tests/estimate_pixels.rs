@@ -17,7 +17,7 @@ use mullion_client::occlusion::Occlusion;
 use mullion_client::tile_session::{FrameToDraw, ViewToDraw};
 use mullion_common::scene::{ChunkId, ObjectId, Package, Transform};
 use mullion_common::throughput::LEAST_TRIANGLES;
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{ViewId, Wall, WallConfig};
 use mullion_common::wire::{Budget, Estimate, Moved, ViewSpec};
 use mullion_server::generate::{GeneratedScene, write_glb};
@@ -68,9 +68,11 @@ fn painter(gpu: &Arc<Gpu>, package: &Package, views: &[ViewSpec], occlusion: Occ
 struct Order {
     estimate: Option<Estimate>,
     of_tile: Budget,
+    /// Which is removed.
+    without: Option<ObjectId>,
 }
 
-const ALL: Order = Order { estimate: None, of_tile: Budget { triangles: None, gpu_us: None } };
+const ALL: Order = Order { estimate: None, of_tile: Budget { triangles: None, gpu_us: None }, without: None };
 
 fn to_budget(package: &Package, triangles: u32, is_complete: bool) -> Order {
     let whole = wall(1);
@@ -80,14 +82,27 @@ fn to_budget(package: &Package, triangles: u32, is_complete: bool) -> Order {
     Order { estimate: Some(estimate), ..ALL }
 }
 
+/// The objects next before the eye.
+fn nearest(package: &Package) -> Vec<ObjectId> {
+    let manifest = &package.scene.manifest;
+    let eye = world_from_room(package).transform_point3(wall(1).default_eyes()[0]);
+    let place = |object: &ObjectId| manifest.transforms[object.0 as usize].affine().translation - eye;
+    let mut ahead: Vec<ObjectId> = (0..manifest.transforms.len() as u32).map(ObjectId).filter(|o| place(o).z < -1.0).collect();
+    ahead.sort_by(|a, b| place(a).length().total_cmp(&place(b).length()));
+    ahead.truncate(12);
+    ahead
+}
+
 /// The pictures of some views, by tile.
 fn draw(painter: &mut GpuPainter, package: &Package, views: &[ViewSpec], order: &Order) -> (BTreeMap<String, RgbaImage>, u64) {
     let (world_from_room, eye) = (world_from_room(package), wall(1).default_eyes()[0]);
+    let records = (0..).zip(&package.scene.manifest.leaves).filter(|(_, record)| Some(record.object) != order.without);
+    let seen = VisibleSet::from_ranges(records.map(|(leaf, _)| LeafRange::new(leaf, leaf + 1)));
     let view = |_: &ViewSpec| ViewToDraw {
         view: ViewId(0),
         eye,
         budget: order.of_tile,
-        leaves: VisibleSet::all(package.scene.leaf_count()),
+        leaves: seen.clone(),
         missing: VisibleSet::default(),
     };
     let frame = FrameToDraw {
@@ -191,6 +206,13 @@ fn a_completed_estimate_is_the_exact_picture() {
             }
             let (found, _) = draw(&mut estimating, &package, &specs, &to_budget(&package, 300, false));
             assert!(found != exact, "300 triangles are not all");
+            // What is removed hides nothing, though its chunks are there and the cells know it.
+            for object in nearest(&package) {
+                let (exact, _) = draw(&mut plain, &package, &specs, &Order { without: Some(object), ..ALL });
+                let order = Order { without: Some(object), ..to_budget(&package, 0, true) };
+                let (found, _) = draw(&mut estimating, &package, &specs, &order);
+                assert!(found == exact, "without {object:?}, {occlusion}");
+            }
         }
     }
 }

@@ -84,7 +84,7 @@ impl Painter for Recorder {
         let manifest = self.scene.as_ref().expect("a scene is open before anything is drawn");
         assert!(chunks_of(manifest, &view.leaves).all(|c| self.uploaded.contains(&c.0)));
         self.drawn = Some(frame.number);
-        Ok(DrawStats { draw_us: 1, leaves: view.leaves.len(), triangles: 2 * u64::from(view.leaves.len()) })
+        Ok(DrawStats { draw_us: 1, leaves: view.leaves.len(), triangles: 2 * u64::from(view.leaves.len()), is_cut: false })
     }
 
     fn show(&mut self, frame: u64) -> Result<(), PaintError> {

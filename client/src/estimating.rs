@@ -26,6 +26,8 @@ use crate::tile_session::{FrameToDraw, ViewToDraw};
 pub(crate) struct Estimating {
     tessellation: Arc<Tessellation>,
     wall: Traversal,
+    /// Whether the wall's budget left something out in this frame.
+    pub is_cut: bool,
     /// By place of the view.
     views: Vec<OfView>,
 }
@@ -37,6 +39,8 @@ struct OfView {
     found: Found,
     /// Of how many microseconds, and what that allows.
     throughput: Option<(u32, Throughput)>,
+    /// Whether its time left something out in this frame.
+    is_cut: bool,
 }
 
 /// Where a view's estimate comes from in this frame.
@@ -84,7 +88,7 @@ impl OfView {
 
 impl Estimating {
     pub fn new(tessellation: Arc<Tessellation>, views: usize) -> Self {
-        Self { tessellation, wall: Traversal::new(), views: (0..views).map(|_| OfView::default()).collect() }
+        Self { tessellation, wall: Traversal::new(), is_cut: false, views: (0..views).map(|_| OfView::default()).collect() }
     }
 
     /// Objects stand elsewhere: those that moved are not the tessellation's business until they are back.
@@ -99,14 +103,15 @@ impl Estimating {
 
     /// Finds the estimates of a frame.
     pub fn find(&mut self, manifest: &SceneManifest, specs: &[ViewSpec], frame: &FrameToDraw) {
-        let Self { tessellation, wall, views } = self;
+        let Self { tessellation, wall, is_cut, views } = self;
+        *is_cut = false;
         let order = frame.estimate.as_ref();
         let of_wall = order.filter(|_| frame.views.iter().any(|view| view.budget == Budget::default()));
         if let Some(order) = of_wall {
             let sight = Sight { eye: frame.shared_eye, planes: &order.planes, pixels_per_radian: order.pixels_per_radian };
             let of_wall = Frame { tessellation, scene: manifest, sight };
             wall.begin(&of_wall, Solidity::default());
-            wall.project(&of_wall, order.triangles);
+            *is_cut = !wall.project(&of_wall, order.triangles).is_complete;
         }
         for ((kept, view), spec) in views.iter_mut().zip(&frame.views).zip(specs) {
             kept.found = match kept.own_budget(&view.budget, tessellation.slot_count()) {
@@ -114,7 +119,8 @@ impl Estimating {
                     let look = Look::of(spec, view, frame);
                     let of_view = Frame { tessellation, scene: manifest, sight: look.sight() };
                     kept.own.begin(&of_view, Solidity::default());
-                    kept.own.project(&of_view, budget);
+                    let is_complete = kept.own.project(&of_view, budget).is_complete;
+                    kept.is_cut = !is_complete && kept.throughput.as_ref().is_some_and(|(_, t)| t.triangles() == budget);
                     Found::Own
                 }
                 None if of_wall.is_some() => Found::Wall,
@@ -134,7 +140,7 @@ impl Estimating {
         (specs, inputs): (&[ViewSpec], &[ViewInput<'_>]),
         frame: &FrameToDraw,
     ) -> Result<(), GpuError> {
-        let Self { tessellation, wall, views } = self;
+        let Self { tessellation, wall, views, .. } = self;
         for (at, kept) in views.iter_mut().enumerate() {
             let (Some(view), Some(spec), Some(of_view)) = (frame.views.get(at), specs.get(at), inputs.get(at)) else { continue };
             let traversal = match kept.found {
@@ -162,7 +168,7 @@ impl Estimating {
             let mut round = Some(kept.completer.begin(&first, of_view, &of, traversal));
             while let Some(plan) = round {
                 let results = renderer.draw(plan)?;
-                round = kept.completer.feed(&of, &results);
+                round = kept.completer.feed(of_view, &of, &results);
             }
             kept.found = Found::Completer;
         }
@@ -175,7 +181,7 @@ impl Estimating {
         for (view, own) in self.views.iter_mut().zip(triangles) {
             if let (Found::Own, Some((_, throughput))) = (view.found, &mut view.throughput) {
                 let own_us = u64::from(draw_us) * own / all.max(1);
-                throughput.take(throughput.triangles(), own_us as u32); // at most draw_us
+                throughput.take(throughput.triangles(), own_us as u32, view.is_cut); // at most draw_us
                 throughput.follow();
             }
         }

@@ -183,7 +183,8 @@ impl Painter for GpuPainter {
     fn upload(&mut self, chunk: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {
         // A chunk that cannot be read costs its own leaves, not the tile: it is left out, or drawn as a checker.
         let scene = self.scene()?;
-        scene.complete = None;
+        // What comes ahead of its time is in no picture yet.
+        scene.complete.take_if(|(frame, _)| frame.views.iter().any(|view| !view.missing.is_empty()));
         Ok(scene.renderer.upload(chunk, bytes).unwrap_or_else(|error| {
             tracing::warn!("chunk {}: {error}", chunk.0);
             bytes.len() as u64
@@ -212,7 +213,7 @@ impl Painter for GpuPainter {
         if let Some(stats) =
             complete.as_ref().filter(|(before, _)| !*has_changed && before.shows_the_same(frame)).map(|(_, s)| *s)
         {
-            return Ok(stats);
+            return Ok(DrawStats { draw_us: 0, ..stats });
         }
         for (drawn, view) in drawn.iter_mut().zip(&frame.views) {
             view.leaves.difference_into(&frame.dropped, drawn);
@@ -268,6 +269,7 @@ impl Painter for GpuPainter {
         stats.draw_us = u32::try_from(start.elapsed().as_micros()).unwrap_or(u32::MAX);
         if let Some(estimating) = estimating {
             estimating.note(stats.draw_us, triangles.iter().copied());
+            stats.is_cut = estimating.is_cut;
         }
         let is_complete = estimating.is_some() && frame.estimate.as_ref().is_some_and(|estimate| estimate.is_complete);
         *complete = is_complete.then(|| (frame.clone(), stats));

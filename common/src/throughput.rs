@@ -72,8 +72,10 @@ impl Throughput {
     }
 
     /// A node took so long for a frame of so many triangles: of those of a frame, the one that wishes for least counts.
-    pub fn take(&mut self, triangles: u32, draw_us: u32) {
+    pub fn take(&mut self, triangles: u32, draw_us: u32, is_cut: bool) {
         let wish = f64::from(triangles.max(1)).ln() + self.aim - f64::from(draw_us.max(1)).ln();
+        // Where all there was fitted, nobody knows what more would take.
+        let wish = if is_cut { wish } else { wish.min(self.level) };
         self.newest = Some(self.newest.map_or(wish, |least| least.min(wish)));
     }
 
@@ -145,7 +147,7 @@ mod tests {
             let mut frame = || {
                 let triangles = throughput.triangles();
                 let draw_us = self.draw_us(triangles);
-                throughput.take(triangles, draw_us);
+                throughput.take(triangles, draw_us, true);
                 throughput.follow();
                 (triangles, draw_us)
             };
@@ -227,13 +229,33 @@ mod tests {
     }
 
     #[test]
+    fn what_an_empty_view_takes_says_nothing_of_a_full_one() {
+        let mut throughput = Throughput::new(TIME_US, SCENE);
+        let mut model = Model::new(3, 500.0, 0.05);
+        model.draw(&mut throughput, SETTLES_WITHIN);
+        let settled = throughput.triangles();
+        for _ in 0..SETTLES_WITHIN {
+            throughput.take(throughput.triangles(), model.draw_us(10), false);
+            throughput.follow();
+        }
+        assert_eq!(throughput.triangles(), settled);
+        assert!(!is_over(model.draw(&mut throughput, 1)[0].1), "the first full one keeps its time");
+        // But what takes too long does, however little it is.
+        (0..FALLS_WITHIN).for_each(|_| {
+            throughput.take(throughput.triangles(), 3 * TIME_US, false);
+            throughput.follow();
+        });
+        assert_eq!(throughput.triangles(), LEAST_TRIANGLES);
+    }
+
+    #[test]
     fn one_hiccup_is_none() {
         for seed in 0..50 {
             let mut throughput = Throughput::new(TIME_US, SCENE);
             let mut model = Model::new(seed, 1000.0, 0.01);
             model.draw(&mut throughput, SETTLES_WITHIN);
             let before = f64::from(throughput.triangles());
-            throughput.take(throughput.triangles(), 8 * TIME_US);
+            throughput.take(throughput.triangles(), 8 * TIME_US, true);
             throughput.follow();
             let after = model.draw(&mut throughput, 5);
             assert!(after.iter().all(|(triangles, _)| (f64::from(*triangles) / before - 1.0).abs() < 0.046), "seed {seed}");
@@ -246,7 +268,7 @@ mod tests {
         for _ in 0..20 {
             let triangles = throughput.triangles();
             for draw_us in [triangles / 100, triangles / 10, triangles / 50] {
-                throughput.take(triangles, draw_us);
+                throughput.take(triangles, draw_us, true);
             }
             throughput.follow();
         }

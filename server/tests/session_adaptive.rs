@@ -155,7 +155,11 @@ impl Show {
         assert_eq!(seen[0].len(), 2 * dropped.len() as u32, "objects are dropped whole");
         assert_eq!(self.master.dropped_objects(), dropped.len() as u32);
         for peer in PEERS {
-            self.master.handle_message(peer, ToMaster::Ready { frame: self.number, draw_us: 0, shown: None }, self.now);
+            self.master.handle_message(
+                peer,
+                ToMaster::Ready { frame: self.number, draw_us: 0, is_cut: false, shown: None },
+                self.now,
+            );
         }
         self.take_and_recycle();
         self.master.handle_timeout(self.now + Duration::from_millis(14));

@@ -118,7 +118,7 @@ impl Show {
     }
 
     fn ready(&mut self, node: usize, frame: u64, draw_us: u32) {
-        self.master.handle_message(PEERS[node], ToMaster::Ready { frame, draw_us, shown: None }, self.now);
+        self.master.handle_message(PEERS[node], ToMaster::Ready { frame, draw_us, is_cut: true, shown: None }, self.now);
     }
 
     /// A frame: the order that both nodes get, and what was spent. Who answers does so as soon as it can have drawn.
@@ -306,6 +306,11 @@ fn all_is_drawn_when_the_camera_rests_and_only_then() {
         let (order, _) = show.frame(|triangles| both(triangles, COST_NS));
         assert!(!order.is_complete);
     }
+    // The first complete picture is waited for, however short the wait is else.
+    let late = |show: &mut Show| show.frame(|_| [Some(PERIOD.as_micros() as u32), Some(18_000)]);
+    let (order, spent) = late(&mut show);
+    assert!(order.is_complete && Duration::from_micros(spent.slowest_us.into()) > WAIT, "{spent:?}");
+    assert_eq!(late(&mut show).1.slowest_us, 18_000, "the next one is not");
     for _ in 0..10 {
         let (order, spent) = complete(&mut show);
         assert!(order.is_complete && spent.is_complete && !spent.is_over, "{order:?}, {spent:?}");

@@ -120,7 +120,7 @@ impl Show {
         self.next += 1;
         let mut outputs = self.take();
         for peer in ready {
-            outputs.extend(self.say(*peer, ToMaster::Ready { frame, draw_us: 0, shown: None }));
+            outputs.extend(self.say(*peer, ToMaster::Ready { frame, draw_us: 0, is_cut: false, shown: None }));
         }
         // Over, whoever is ready.
         self.master.handle_timeout(self.now + Duration::from_millis(8));
@@ -202,7 +202,7 @@ fn a_node_that_is_never_prepared_is_passed_by_and_costs_nobody_a_wait() {
         let old = show.next - 3;
         show.frame(&[A]);
         assert!(show.released_at_once() && show.passed_over().is_empty());
-        show.say(B, ToMaster::Ready { frame: old, draw_us: 0, shown: None });
+        show.say(B, ToMaster::Ready { frame: old, draw_us: 0, is_cut: false, shown: None });
         assert_eq!(show.master.standing(NodeIndex(1)), Standing::Trying);
     }
     show.say(B, ToMaster::Prepared { epoch: 2 });

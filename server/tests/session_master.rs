@@ -89,7 +89,7 @@ fn a_node_gets_its_welcome_the_scene_and_the_frame_that_runs() {
     assert_eq!((frame.number, frame.base), (0, None));
     assert_eq!(frame.views[0].leaves.added, VisibleSet::all(5));
 
-    master.handle_message(A, ToMaster::Ready { frame: 0, draw_us: 0, shown: None }, ms(5));
+    master.handle_message(A, ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None }, ms(5));
     let out = outputs(&mut master);
     assert_eq!(sent(&out, A), [ToTile::Swap { frame: 0 }]);
     assert!(matches!(&out[..], [.., Output::FrameReleased(r)] if r.number == 0 && r.shown_by == 1));
@@ -187,7 +187,7 @@ fn a_chunk_connection_belongs_to_a_session_and_ends_with_it() {
 fn a_liar_and_a_stranger_are_told_why() {
     let mut master = master();
     join(&mut master, A, "t0x0", ms(0));
-    master.handle_message(A, ToMaster::Ready { frame: 3, draw_us: 0, shown: None }, ms(1));
+    master.handle_message(A, ToMaster::Ready { frame: 3, draw_us: 0, is_cut: false, shown: None }, ms(1));
     assert_eq!(closed(&outputs(&mut master), A), Some(ByeCode::Malformed));
 
     let mut bytes = Vec::new();
@@ -212,7 +212,7 @@ fn deltas_stand_on_what_is_remembered_only() {
         // Frame 1 is acknowledged and nothing after it: it is a base for eight frames.
         assert_eq!(frame.base, (2..=9).contains(&number).then_some(1), "frame {number}");
         if number == 1 {
-            master.handle_message(A, ToMaster::Ready { frame: 1, draw_us: 0, shown: None }, now);
+            master.handle_message(A, ToMaster::Ready { frame: 1, draw_us: 0, is_cut: false, shown: None }, now);
         }
         master.handle_timeout(now + ms(14));
         outputs(&mut master);

@@ -136,7 +136,7 @@ fn a_spare_takes_an_empty_place_and_its_owner_takes_it_back() {
     assert!(out.contains(&Output::StoodIn { node: NodeIndex(0), spare: "attic".into() }), "{out:?}");
     let [ToTile::Welcome(welcome), ToTile::Manifest(_), ToTile::Frame(frame)] = &sent(&out, SPARE)[..] else { panic!("{out:?}") };
     assert_eq!((welcome.node.as_str(), welcome.views[0].tile_name.as_str(), frame.number), ("t0x0", "t0x0", 0));
-    master.handle_message(SPARE, ToMaster::Ready { frame: 0, draw_us: 0, shown: None }, SPARE_AFTER + ms(1));
+    master.handle_message(SPARE, ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None }, SPARE_AFTER + ms(1));
     assert_ne!(master.standing(NodeIndex(0)), Standing::Absent);
 
     let out = join(&mut master, PeerId(9), "t0x0", Part::Own, SPARE_AFTER + ms(50));
@@ -168,7 +168,7 @@ fn spares_are_bounded_kept_informed_and_let_go_when_silent() {
     join(&mut master, PeerId(10), "shed", Part::Spare, ms(1));
     let out = join(&mut master, PeerId(11), "cellar", Part::Spare, ms(1));
     assert_eq!(closed(&out, PeerId(11)), Some(ByeCode::TooMany), "as many as there are nodes");
-    master.handle_message(PeerId(10), ToMaster::Ready { frame: 0, draw_us: 0, shown: None }, ms(2));
+    master.handle_message(PeerId(10), ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None }, ms(2));
     assert_eq!(closed(&outputs(&mut master), PeerId(10)), Some(ByeCode::Malformed), "ready with nothing");
     let mut alive = 0;
     for second in 1..=10 {
@@ -205,7 +205,7 @@ fn a_standby_hears_of_every_frame_and_of_all_that_moved() {
         (course.eyes.as_slice(), course.moved.as_slice()),
         (&[DVec3::Z, DVec3::new(1.0, 2.0, 3.0)][..], &[moved(7, 1.0)][..])
     );
-    first.handle_message(STANDBY, ToMaster::Ready { frame: 0, draw_us: 0, shown: None }, ms(2));
+    first.handle_message(STANDBY, ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None }, ms(2));
     first.handle_timeout(ms(14));
     // What it has not acknowledged comes again.
     for (number, expected) in [(1, vec![moved(3, 1.0)]), (2, vec![moved(3, 1.0), moved(8, 2.0)])] {
@@ -236,7 +236,7 @@ fn a_standby_hears_how_the_show_is_steered_and_what_came_and_went_in_order() {
     begin_steered(&mut first, 0, &[], (&said, Steering::default(), &[]), ms(0));
     let out = stand_by(&mut first, STANDBY, StandbyHello::of(&wall(2), &[]).unwrap(), ms(1));
     assert_eq!(courses(&out)[0].presence, [(object(2), there), (object(1), there), (object(3), away)]);
-    first.handle_message(STANDBY, ToMaster::Ready { frame: 0, draw_us: 0, shown: None }, ms(2));
+    first.handle_message(STANDBY, ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None }, ms(2));
     first.handle_timeout(ms(14));
     let steering = Steering { path_frame: 0, held_after: Some(3), is_off_path: true };
     let budgets = [Budget { triangles: Some(9), gpu_us: None }, Budget::default()];
@@ -279,7 +279,7 @@ fn of_two_masters_the_one_that_is_greeted_decides_and_the_one_with_fewer_nodes_s
     join(&mut first, NODE, "t0x0", Part::Own, ms(0));
     join(&mut first, OTHER, "t1x0", Part::Own, ms(0));
     begin(&mut first, 0, &[], ms(0));
-    first.handle_message(NODE, ToMaster::Ready { frame: 0, draw_us: 0, shown: None }, ms(1));
+    first.handle_message(NODE, ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None }, ms(1));
     first.handle_timeout(ms(14));
     outputs(&mut first);
     assert_eq!((first.live_nodes(), first.connected()), (1, 2), "one that is not waited for does not count");

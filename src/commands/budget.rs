@@ -7,20 +7,21 @@ const MAX_MS: f64 = 60_000.0;
 
 /// A budget for the wall, or none.
 #[derive(clap::Args, Clone, Copy)]
+#[group(skip)]
 pub struct BudgetOptions {
     /// Draw an estimate of what is visible within so many triangles, all tiles together. The scene needs a tessellation. Pictures lack what is
     /// not likely to be seen until the camera rests.
-    #[arg(long, value_name = "TRIANGLES", conflicts_with_all = ["budget_percent", "budget_ms"],
+    #[arg(long, group = "budget", value_name = "TRIANGLES", conflicts_with_all = ["budget_percent", "budget_ms"],
           value_parser = clap::value_parser!(u32).range(1..))]
     budget_triangles: Option<u32>,
     /// The same within so many percent of the scene's triangles.
-    #[arg(long, value_name = "PERCENT", conflicts_with = "budget_ms", allow_negative_numbers = true, value_parser = percent)]
+    #[arg(long, group = "budget", value_name = "PERCENT", conflicts_with = "budget_ms", allow_negative_numbers = true, value_parser = percent)]
     budget_percent: Option<f64>,
     /// The same within as many triangles as the slowest tile draws in so many milliseconds.
-    #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
+    #[arg(long, group = "budget", value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
     budget_ms: Option<f64>,
     /// Keep to the budget when the camera rests, too.
-    #[arg(long)]
+    #[arg(long, requires = "budget")]
     no_complete: bool,
 }
 

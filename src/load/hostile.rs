@@ -133,10 +133,15 @@ impl Shared {
         stream.write_all(&message(|out| Opening::Control(hello.clone()).encode(out))?)?;
         match turn % 4 {
             0 => self.flood(&mut stream, &message(|out| ToMaster::Ping(Ping { at_us: 1 }).encode(out))?),
-            1 => self.flood(&mut stream, &message(|out| ToMaster::Ready { frame: 0, draw_us: 0, shown: None }.encode(out))?),
+            1 => self.flood(
+                &mut stream,
+                &message(|out| ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None }.encode(out))?,
+            ),
             2 => {
                 // It takes the last frame that there will ever be for drawn.
-                stream.write_all(&message(|out| ToMaster::Ready { frame: u64::MAX, draw_us: 0, shown: None }.encode(out))?)?;
+                stream.write_all(&message(|out| {
+                    ToMaster::Ready { frame: u64::MAX, draw_us: 0, is_cut: false, shown: None }.encode(out)
+                })?)?;
                 stream.read_exact(&mut [0; 1])
             }
             _ => self.hoard(&mut stream),

@@ -113,7 +113,7 @@ impl<'a> Drawing<'a> {
         while let Some(plan) = round {
             rounds += 1;
             let results = self.renderer.draw(plan)?;
-            round = self.completer.feed(frame, &results);
+            round = self.completer.feed(&view, frame, &results);
         }
         let view = (VIEW, *projection, visible);
         let hints = Hints { estimate: Some(self.completer.estimate(frame.tessellation)), ..Hints::default() };

@@ -6,7 +6,7 @@
 //!
 //! Promises checked in every run:
 //! - a node shows frame n only after all live nodes have drawn n;
-//! - no frame but the first waits longer than the barrier's wait, and waits so long only when it then passes somebody
+//! - no frame but the first, in shows that never rest, waits longer than the barrier's wait, and waits so long only when it then passes somebody
 //!   over, or when nobody is live; a node that hangs is passed over once;
 //! - what a node draws is what the master saw: sets, places of objects, and every chunk there, or its leaves named as missing;
 //! - to which budget a frame is drawn is the same on all nodes, and no node draws before it has the tessellation;
@@ -338,7 +338,7 @@ impl Sim {
                 if n.run == run {
                     n.is_drawing = false;
                     n.drawn = Some(frame);
-                    n.session.drawn(frame, DrawStats { draw_us: n.draw_us as u32, ..DrawStats::default() });
+                    n.session.drawn(frame, DrawStats { draw_us: n.draw_us as u32, is_cut: true, ..DrawStats::default() });
                     self.work(node);
                 }
             }

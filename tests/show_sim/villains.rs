@@ -184,7 +184,7 @@ async fn hoard(control: &mut TcpStream) -> io::Result<()> {
 }
 
 fn ready(frame: u64) -> ToMaster {
-    ToMaster::Ready { frame, draw_us: 0, shown: None }
+    ToMaster::Ready { frame, draw_us: 0, is_cut: false, shown: None }
 }
 
 fn noise(rng: &mut Random, most: u64) -> Vec<u8> {

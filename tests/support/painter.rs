@@ -48,7 +48,7 @@ impl<W: Witness> Painter for Blank<W> {
 
     fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
         self.0.draws(frame)?;
-        Ok(DrawStats { draw_us: 1, leaves: frame.views[0].leaves.len(), triangles: 1 })
+        Ok(DrawStats { draw_us: 1, leaves: frame.views[0].leaves.len(), triangles: 1, is_cut: false })
     }
 
     fn show(&mut self, frame: u64) -> Result<(), PaintError> {

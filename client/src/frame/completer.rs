@@ -6,6 +6,9 @@ use mullion_common::visible_set::LeafRange;
 use super::{Bound, FrameInput, FramePlan, PassPlan, PassResults, Planner, ViewInput};
 use crate::plp::{Completion, Estimate, Frame, Traversal};
 
+/// Most boxes of a round: they fit any GPU's buffers. Cells beyond count as seen.
+const MAX_ASKED: usize = 1 << 18;
+
 /// Plans them. Keeps its memory from frame to frame.
 ///
 /// They draw the same triangles as the exact picture, but round by round: that picture itself is drawn afterwards, in order, with
@@ -18,7 +21,7 @@ pub struct Completer {
 }
 
 impl Completer {
-    /// The first round: the estimate that a traversal of the wall has found, and what is asked for beyond. `frame` is as the view sees it.
+    /// The first round: the estimate that a traversal has found, and what is asked for beyond. `frame` is as the view sees it.
     pub fn begin(
         &mut self,
         input: &FrameInput<'_>,
@@ -37,8 +40,8 @@ impl Completer {
         &self.plan
     }
 
-    /// Takes what came of a round and gives the next; `None`: all that is seen has been found.
-    pub fn feed(&mut self, frame: &Frame<'_>, results: &PassResults) -> Option<&FramePlan> {
+    /// Takes what came of a round and gives the next; `None`: all that is seen has been found. `view` is that of the first.
+    pub fn feed(&mut self, view: &ViewInput<'_>, frame: &Frame<'_>, results: &PassResults) -> Option<&FramePlan> {
         let seen = results.passes.first().map_or(&[][..], |pass| &pass.bounds_seen);
         if !self.completion.take(frame, seen) {
             return None;
@@ -50,6 +53,10 @@ impl Completer {
         pass.boxes.clear();
         for (place, own) in self.completion.added() {
             let leaf = frame.tessellation.leaves()[place as usize];
+            if !view.visible.contains(leaf) || view.missing.contains(leaf) {
+                // The picture lacks it, too: it hides nothing.
+                continue;
+            }
             let first = frame.tessellation.slots(place).start;
             pass.opaque.push(LeafRange::new(leaf, leaf + 1));
             pass.parts.push(leaf, own.iter().map(|(_, slot)| (slot - first) as u16));
@@ -66,6 +73,6 @@ impl Completer {
 
     fn ask(&self, pass: &mut PassPlan, frame: &Frame<'_>) {
         pass.bounds.clear();
-        pass.bounds.extend(self.completion.bounds(frame.tessellation).map(Bound::World));
+        pass.bounds.extend(self.completion.bounds(frame.tessellation).take(MAX_ASKED).map(Bound::World));
     }
 }

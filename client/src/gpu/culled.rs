@@ -152,7 +152,7 @@ impl Renderer {
         self.list.clear();
         self.pass += 1;
         self.list_leaves(pass, first.leaves(), Turn::First);
-        self.list.part();
+        self.list.next_turn();
         let begin = (self.list.arguments.len() as u32, self.list.batches.len());
         self.list_leaves(pass, late.leaves(), Turn::Late);
         self.list_boxes(pass);

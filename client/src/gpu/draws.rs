@@ -65,7 +65,7 @@ pub(super) struct DrawList {
     /// Draws that are boxes in the place of leaves.
     pub stand_ins: Range<u32>,
     /// Draws from here on share no batch with those before.
-    part: u32,
+    turn_start: u32,
 }
 
 impl DrawList {
@@ -77,12 +77,12 @@ impl DrawList {
         self.part_indices.clear();
         self.triangles = 0;
         self.stand_ins = 0..0;
-        self.part = 0;
+        self.turn_start = 0;
     }
 
     /// What follows shares no batch with what is there.
-    pub fn part(&mut self) {
-        self.part = self.arguments.len() as u32;
+    pub fn next_turn(&mut self) {
+        self.turn_start = self.arguments.len() as u32;
     }
 
     /// Notes the indices of some triangles of a leaf: where they are, and how many.
@@ -101,7 +101,7 @@ impl DrawList {
         self.instances.push(instance);
         self.triangles += u64::from(index_count / 3);
         match self.batches.last_mut() {
-            Some(batch) if batch.state == state && batch.start >= self.part => batch.end = draw + 1,
+            Some(batch) if batch.state == state && batch.start >= self.turn_start => batch.end = draw + 1,
             _ => self.batches.push(Batch { state, start: draw, end: draw + 1 }),
         }
     }

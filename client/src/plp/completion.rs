@@ -1,7 +1,7 @@
 //! Conservative completion: from an estimate on, cells that the picture so far does not hide are projected, until none is left. What is drawn
 //! then holds all that is seen.
 //!
-//! Whatever an eye sees lies in a cell, and the way to it leads through cells. The first of them that is not wholly drawn is nearer than what
+//! Whatever an eye sees lies in a cell, and the way to it leads through cells, from the eye's own or one at the hull. The first of them that is not wholly drawn is nearer than what
 //! is seen, so nothing hides it from the eye there: while something is missing, some cell that waits is found to be seen.
 
 use std::ops::ControlFlow;
@@ -42,7 +42,7 @@ enum Mark {
 }
 
 impl Completion {
-    /// Starts where an estimate stopped. `frame` is as the view sees it: its eye and planes, which must be within the primary frustum's.
+    /// Starts where an estimate stopped. `frame` is as the view sees it: with its own eye and planes.
     pub fn begin(&mut self, frame: &Frame<'_>, traversal: &Traversal) {
         let tessellation = frame.tessellation;
         self.sight.set(&frame.sight, tessellation);
@@ -65,6 +65,15 @@ impl Completion {
             }
         }
         self.open.extend(traversal.front());
+        // Where the view's own eye is: the shared one need not have come there.
+        match self.sight.eye_cell(tessellation) {
+            _ if tessellation.cells().is_empty() => {}
+            Some(cell) => self.open.push(cell),
+            None => {
+                let all = (0..tessellation.cells().len() as u32).map(CellId);
+                self.open.extend(all.filter(|cell| self.sight.is_entry(tessellation, *cell)));
+            }
+        }
         self.reach(tessellation);
         self.added.clear();
     }

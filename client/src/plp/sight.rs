@@ -36,6 +36,28 @@ impl CellSight {
         self.planes.iter().all(|(normal, eye_m)| (0..4).any(|k| normal.dot(from_eye[k]) + eye_m >= slacks[k]))
     }
 
+    /// The cell that the eye is in, by a walk from the first one: the same whatever was seen before. `None` outside the hull.
+    pub fn eye_cell(&self, tessellation: &Tessellation) -> Option<CellId> {
+        let mut cell = CellId(0);
+        // A walk in a Delaunay mesh ends; where rounding leads it around, any cell on the way is as good.
+        for _ in 0..tessellation.cells().len() {
+            let from_eye = self.corners_from_eye(tessellation, cell);
+            let Some(beyond) = (0..4).find(|k| is_before(&from_eye, *k)) else { return Some(cell) };
+            cell = tessellation.cell(cell).neighbours[beyond].get()?;
+        }
+        Some(cell)
+    }
+
+    /// Whether the eye is before a face of a cell that is on the hull: light comes in there.
+    pub fn is_entry(&self, tessellation: &Tessellation, cell: CellId) -> bool {
+        let neighbours = tessellation.cell(cell).neighbours;
+        if !neighbours.contains(&CellId::NONE) {
+            return false;
+        }
+        let from_eye = self.corners_from_eye(tessellation, cell);
+        (0..4).any(|k| neighbours[k] == CellId::NONE && is_before(&from_eye, k))
+    }
+
     /// A cell's corners from the eye.
     #[inline]
     pub fn corners_from_eye(&self, tessellation: &Tessellation, cell: CellId) -> [Vec3; 4] {

@@ -7,7 +7,7 @@ use super::front::Front;
 use super::leaves::Leaves;
 use super::likelihood::Likelihood;
 use super::paper::Paper;
-use super::sight::{CellSight, is_before};
+use super::sight::CellSight;
 use super::{Estimate, Frame, Sight, Solidity};
 
 /// What a traversal has done so far.
@@ -37,8 +37,6 @@ pub struct Traversal {
     /// The cell whose triangles did not all fit.
     unfinished: Option<CellId>,
     done: Projected,
-    /// The eye's cell in the last frame.
-    near: CellId,
 }
 
 /// The front, and what is known of each cell in this frame.
@@ -115,7 +113,7 @@ impl Cells {
 impl Traversal {
     /// A traversal that has seen nothing.
     pub fn new() -> Self {
-        Self { near: CellId(0), ..Self::default() }
+        Self::default()
     }
 
     /// From the next frame on the leaf at a place in [`Tessellation::leaves`] is not drawn: its object has moved, and whoever draws draws it
@@ -142,11 +140,8 @@ impl Traversal {
         if tessellation.cells().is_empty() {
             return;
         }
-        match self.eye_cell(tessellation) {
-            Some(cell) => {
-                self.near = cell;
-                self.seed(tessellation, cell);
-            }
+        match self.cells.sight.eye_cell(tessellation) {
+            Some(cell) => self.seed(tessellation, cell),
             None => self.seed_entries(tessellation),
         }
     }
@@ -160,30 +155,11 @@ impl Traversal {
 
     /// Seeds every cell with a face on the hull that the eye is before: light comes in there.
     fn seed_entries(&mut self, tessellation: &Tessellation) {
-        for index in 0..tessellation.cells().len() as u32 {
-            let cell = CellId(index);
-            let neighbours = tessellation.cell(cell).neighbours;
-            if !neighbours.contains(&CellId::NONE) {
-                continue;
-            }
-            let from_eye = self.cells.sight.corners_from_eye(tessellation, cell);
-            let is_entry = (0..4).any(|k| neighbours[k] == CellId::NONE && is_before(&from_eye, k));
-            if is_entry && self.cells.is_in_sight(tessellation, cell) {
+        for cell in (0..tessellation.cells().len() as u32).map(CellId) {
+            if self.cells.sight.is_entry(tessellation, cell) && self.cells.is_in_sight(tessellation, cell) {
                 self.seed(tessellation, cell);
             }
         }
-    }
-
-    /// The cell that the eye is in, by a walk from where it was: `None` outside the hull.
-    fn eye_cell(&self, tessellation: &Tessellation) -> Option<CellId> {
-        let mut cell = if self.near.index() < tessellation.cells().len() { self.near } else { CellId(0) };
-        // A walk in a Delaunay mesh ends; where rounding leads it around, any cell on the way is as good.
-        for _ in 0..tessellation.cells().len() {
-            let from_eye = self.cells.sight.corners_from_eye(tessellation, cell);
-            let Some(beyond) = (0..4).find(|k| is_before(&from_eye, *k)) else { return Some(cell) };
-            cell = tessellation.cell(cell).neighbours[beyond].get()?;
-        }
-        Some(cell)
     }
 
     /// Projects cells until `budget` triangles are drawn, never more, or nothing is left. With a larger budget it goes on from there.

@@ -84,13 +84,20 @@ pub struct FrameToDraw {
 }
 
 impl FrameToDraw {
-    /// Whether another frame has the same picture, as long as no object moves and no chunk comes.
+    /// Whether another frame has the same picture, as long as no object moves and no chunk comes that this one lacks.
     pub fn shows_the_same(&self, other: &Self) -> bool {
         let Self { number: _, epoch, scene_time_s: _, world_from_room, shared_eye, views, dropped, estimate, when_missing } =
             self;
         (epoch, world_from_room, shared_eye, when_missing)
             == (&other.epoch, &other.world_from_room, &other.shared_eye, &other.when_missing)
-            && (views, dropped, estimate) == (&other.views, &other.dropped, &other.estimate)
+            && (views, dropped) == (&other.views, &other.dropped)
+            && match (estimate, &other.estimate) {
+                // Whatever they might spend.
+                (Some(a), Some(b)) if a.is_complete && b.is_complete => {
+                    (a.pixels_per_radian, &a.planes) == (b.pixels_per_radian, &b.planes)
+                }
+                (a, b) => a == b,
+            }
     }
 }
 
@@ -103,6 +110,8 @@ pub struct DrawStats {
     pub leaves: u32,
     /// Triangles drawn, all views together.
     pub triangles: u64,
+    /// Whether the wall's budget left something out of the estimate.
+    pub is_cut: bool,
 }
 
 /// What the shell is to do, in order.
@@ -365,7 +374,7 @@ impl TileSession {
         self.behind = u32::from(self.pending.is_some());
         self.last_stats = stats;
         let shown = self.shown_at.take();
-        self.actions.push_back(Action::Send(ToMaster::Ready { frame, draw_us: stats.draw_us, shown }));
+        self.actions.push_back(Action::Send(ToMaster::Ready { frame, draw_us: stats.draw_us, is_cut: stats.is_cut, shown }));
         self.plan();
     }
 

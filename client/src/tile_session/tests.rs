@@ -124,7 +124,7 @@ fn drawn() -> TileSession {
     (0..3).for_each(|i| give(&mut session, i));
     assert!(matches!(actions(&mut session).last(), Some(Action::Draw(frame)) if frame.number == 0));
     session.drawn(0, DrawStats::default());
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, shown: None })]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None })]);
     session
 }
 
@@ -168,7 +168,7 @@ fn a_node_that_is_late_shows_what_it_drew_before_it_draws_on() {
     session.drawn(1, DrawStats::default());
     assert_eq!(
         actions(&mut session),
-        [Action::Send(ToMaster::Ready { frame: 1, draw_us: 0, shown: None })],
+        [Action::Send(ToMaster::Ready { frame: 1, draw_us: 0, is_cut: false, shown: None })],
         "frame 2 waits for the answer"
     );
     session.handle_message(ToTile::Swap { frame: 1 });
@@ -177,7 +177,7 @@ fn a_node_that_is_late_shows_what_it_drew_before_it_draws_on() {
 
     session.handle_message(frame(3, Some(0), &[]));
     session.drawn(2, DrawStats::default());
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 2, draw_us: 0, shown: None })]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 2, draw_us: 0, is_cut: false, shown: None })]);
     session.handle_message(frame(4, Some(0), &[]));
     assert!(matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.number == 4), "no answer came: it goes on");
 }
@@ -192,7 +192,7 @@ fn frames_that_came_while_one_was_drawn_are_no_answer() {
     session.handle_message(frame(3, Some(0), &[]));
     assert_eq!(
         actions(&mut session),
-        [Action::Send(ToMaster::Ready { frame: 1, draw_us: 0, shown: None })],
+        [Action::Send(ToMaster::Ready { frame: 1, draw_us: 0, is_cut: false, shown: None })],
         "they wait for the answer"
     );
     session.handle_message(ToTile::Swap { frame: 1 });
@@ -200,7 +200,7 @@ fn frames_that_came_while_one_was_drawn_are_no_answer() {
     assert!(matches!(&got[..], [Action::Show { frame: 1 }, Action::Draw(frame)] if frame.number == 3), "{got:?}");
     session.drawn_behind(3, DrawStats::default(), 1);
     session.handle_message(frame(4, Some(0), &[]));
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 3, draw_us: 0, shown: None })]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 3, draw_us: 0, is_cut: false, shown: None })]);
     session.handle_message(frame(5, Some(0), &[]));
     assert!(matches!(&actions(&mut session)[..], [Action::Draw(frame)] if frame.number == 5), "no answer came: it goes on");
 }
@@ -234,7 +234,7 @@ fn a_frame_is_shown_though_the_connection_before_had_one_of_its_number() {
     session.handle_message(ToTile::Swap { frame: 0 });
     assert_eq!(
         actions(&mut session),
-        [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, shown: None }), Action::Show { frame: 0 }]
+        [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None }), Action::Show { frame: 0 }]
     );
 }
 
@@ -295,14 +295,14 @@ fn without_a_scene_every_frame_is_ready_at_once_and_told_when_it_was_shown() {
     session.note_shown(7, 1); // never shown
     assert_eq!(
         actions(&mut session),
-        [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, shown: None }), Action::Show { frame: 0 }]
+        [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None }), Action::Show { frame: 0 }]
     );
     session.note_shown(0, 1234);
     session.handle_message(frame(1, Some(0), &[(3, 5)]));
     assert_eq!(actions(&mut session).len(), 1);
     session.drawn(1, DrawStats::default());
     let shown = Some(Shown { frame: 0, at_us: 1234 });
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 1, draw_us: 0, shown })]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 1, draw_us: 0, is_cut: false, shown })]);
 }
 
 #[test]
@@ -338,7 +338,7 @@ fn a_frame_that_need_not_wait_is_drawn_at_once_and_names_what_is_missing() {
             if blobs.len() == 2 && frame.when_missing == when_missing && frame.views[0].leaves.len() == 2));
         assert_eq!(missing_in(got.last()), [0, 2]);
         session.drawn(0, DrawStats::default());
-        assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, shown: None })]);
+        assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, draw_us: 0, is_cut: false, shown: None })]);
         // The next frame shows what has come; it stands on the whole set of the one before.
         give(&mut session, 2);
         assert!(matches!(&actions(&mut session)[..], [Action::Upload { chunk: ChunkId(2), .. }]), "nothing is drawn twice");

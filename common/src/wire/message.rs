@@ -87,6 +87,8 @@ pub enum ToMaster {
         frame: u64,
         /// Time it took to draw, microseconds; 0 where nothing was drawn.
         draw_us: u32,
+        /// Whether the wall's budget left something out of the estimate: with more it would have taken longer.
+        is_cut: bool,
         /// The last frame shown, where that has not been said and the master's clock is known.
         shown: Option<Shown>,
     },
@@ -395,8 +397,8 @@ impl ToMaster {
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         let cap = MAX_TO_MASTER_BYTES;
         match self {
-            Self::Ready { frame, draw_us, shown } => {
-                framed(out, tag::READY, cap, |out| Ok(codec::encode_into(&(frame, draw_us, shown), out)?))
+            Self::Ready { frame, draw_us, is_cut, shown } => {
+                framed(out, tag::READY, cap, |out| Ok(codec::encode_into(&(frame, draw_us, is_cut, shown), out)?))
             }
             Self::Prepared { epoch } => framed(out, tag::PREPARED, cap, |out| Ok(codec::encode_into(epoch, out)?)),
             Self::Unprepared { epoch, reason } => framed(out, tag::UNPREPARED, cap, |out| put_reason(out, *epoch, reason)),
@@ -415,8 +417,8 @@ impl ToMaster {
         let (tag, rest) = split_tag(body, MAX_TO_MASTER_BYTES)?;
         match tag {
             tag::READY => {
-                let (frame, draw_us, shown) = codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?;
-                Ok(Self::Ready { frame, draw_us, shown })
+                let (frame, draw_us, is_cut, shown) = codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)?;
+                Ok(Self::Ready { frame, draw_us, is_cut, shown })
             }
             tag::PREPARED => Ok(Self::Prepared { epoch: codec::decode::<_, MAX_TO_MASTER_BYTES>(rest)? }),
             tag::UNPREPARED => {

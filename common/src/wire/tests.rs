@@ -111,7 +111,7 @@ fn frame() -> Frame {
 }
 
 fn ready() -> ToMaster {
-    ToMaster::Ready { frame: 258, draw_us: 3, shown: Some(Shown { frame: 257, at_us: 7 }) }
+    ToMaster::Ready { frame: 258, draw_us: 3, is_cut: true, shown: Some(Shown { frame: 257, at_us: 7 }) }
 }
 
 fn counted() -> ToMaster {
@@ -176,7 +176,7 @@ fn golden_bytes() {
             format!("01 4d554c4c07000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
         ),
         ("chunk hello", "02 4d554c4c07000000 0201000000000000".into()),
-        ("ready", "03 0201000000000000 03000000 01 0101000000000000 0700000000000000".into()),
+        ("ready", "03 0201000000000000 03000000 01 01 0101000000000000 0700000000000000".into()),
         ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
         ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
         (

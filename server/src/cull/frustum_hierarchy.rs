@@ -452,7 +452,7 @@ pub(super) fn holds_all(room: &[Frustum], view: u16, side: FrustumSide) -> bool 
 
 /// The sides of the views' frusta that have every view inside, each plane once.
 pub(super) fn primary_sides(room: &[Frustum]) -> Vec<(u16, FrustumSide)> {
-    const MAX_PLANES: usize = 8;
+    const MAX_PLANES: usize = mullion_common::wire::MAX_PRIMARY_PLANES;
     let mut sides: Vec<(u16, FrustumSide)> = Vec::new();
     for (view, side) in (0..room.len() as u16).flat_map(|v| ALL_SIDES.map(|side| (v, side))) {
         let plane = room[usize::from(view)].plane(side);

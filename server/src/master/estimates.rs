@@ -88,6 +88,8 @@ pub(super) struct Estimates {
     begun: VecDeque<Begun>,
     /// By `NodeIndex`.
     late_answers: Vec<u8>,
+    /// By `NodeIndex`: one past the last frame that it answered.
+    answered: Vec<u64>,
     /// Of the newest frame, in time.
     slowest_us: u32,
 }
@@ -107,6 +109,7 @@ impl Estimates {
             order: Estimate::default(),
             begun: VecDeque::with_capacity(REMEMBERED),
             late_answers: vec![0; nodes],
+            answered: vec![0; nodes],
             slowest_us: 0,
         }
     }
@@ -127,6 +130,7 @@ impl Estimates {
     /// A node has come.
     pub fn join(&mut self, node: NodeIndex) {
         self.late_answers[usize::from(node.0)] = LATE_ANSWERS;
+        self.answered[usize::from(node.0)] = 0;
     }
 
     /// Makes the order of a frame. `is_as_before`: nothing has moved since the frame before.
@@ -160,8 +164,13 @@ impl Estimates {
     }
 
     /// A node is ready, in time or after the frame was shown.
-    pub fn take_ready(&mut self, node: NodeIndex, frame: u64, draw_us: u32, show_now: ShowNow, now: Duration) {
+    pub fn take_ready(&mut self, node: NodeIndex, frame: u64, (draw_us, is_cut): (u32, bool), show_now: ShowNow, now: Duration) {
         let Some(begun) = self.begun.iter().rev().find(|begun| begun.number == frame) else { return };
+        let answered = &mut self.answered[usize::from(node.0)];
+        if frame < *answered {
+            return; // said before
+        }
+        *answered = frame + 1;
         // Whatever it says: it did not begin before it was told.
         let draw_us = draw_us.min(u32::try_from(now.saturating_sub(begun.at).as_micros()).unwrap_or(u32::MAX));
         let is_in_time = show_now == ShowNow::No && self.begun.back().is_some_and(|newest| newest.number == frame);
@@ -177,7 +186,7 @@ impl Estimates {
         if let Way::Timed(_, throughput) = &mut self.way
             && !begun.is_complete
         {
-            throughput.take(begun.triangles, draw_us);
+            throughput.take(begun.triangles, draw_us, is_cut);
         }
     }
 

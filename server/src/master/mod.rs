@@ -260,10 +260,10 @@ impl Master {
         let Some(connection) = &mut state.connection else { return };
         connection.heard = now;
         match message {
-            ToMaster::Ready { frame, draw_us, shown } => match self.barrier.ready(node, frame, now) {
+            ToMaster::Ready { frame, draw_us, is_cut, shown } => match self.barrier.ready(node, frame, now) {
                 Some(show_now) => {
                     if let Some(estimates) = &mut self.estimates {
-                        estimates.take_ready(node, frame, draw_us, show_now, now);
+                        estimates.take_ready(node, frame, (draw_us, is_cut), show_now, now);
                     }
                     self.outputs.extend(shown.map(|shown| Output::Shown { node, shown }));
                     connection.acked = connection.acked.max(Some(frame));

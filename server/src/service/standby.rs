@@ -275,7 +275,7 @@ async fn converse(
                     Ok(ToStandby::Course(course)) => {
                         let frame = course.number;
                         match known.take(*course, Instant::now()) {
-                            Ok(true) => ToMaster::Ready { frame, draw_us: 0, shown: None },
+                            Ok(true) => ToMaster::Ready { frame, draw_us: 0, is_cut: false, shown: None },
                             Ok(false) => continue,
                             Err(problem) => return Parting::Lost(format!("the master sent {problem}")),
                         }

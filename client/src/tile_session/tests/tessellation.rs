@@ -53,7 +53,7 @@ fn with_tessellation() -> TileSession {
     (0..3).for_each(|chunk| give(&mut session, chunk));
     actions(&mut session);
     session.drawn(0, DrawStats { draw_us: 77, ..DrawStats::default() });
-    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, draw_us: 77, shown: None })]);
+    assert_eq!(actions(&mut session), [Action::Send(ToMaster::Ready { frame: 0, draw_us: 77, is_cut: false, shown: None })]);
     session
 }
 

@@ -31,7 +31,6 @@ impl Tessellation {
         let all: u64 = counts().map(u64::from).sum();
         let tessellation = Self {
             origin,
-            rho_max: counts().max().unwrap_or(1),
             rho_mean: all.div_ceil(counts().count().max(1) as u64).max(1) as u32,
             vertices,
             cells,

@@ -85,7 +85,6 @@ const _: () = assert!(size_of::<LeafRun>() == 8);
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tessellation {
     origin: DVec3,
-    rho_max: u32,
     rho_mean: u32,
     vertices: Vec<Vec3>,
     cells: Vec<Cell>,
@@ -125,11 +124,6 @@ impl Tessellation {
     /// Where vertices are measured from, metres of the world.
     pub fn origin(&self) -> DVec3 {
         self.origin
-    }
-
-    /// The most triangles that touch one cell; at least 1.
-    pub fn rho_max(&self) -> u32 {
-        self.rho_max
     }
 
     /// How many triangles touch a cell that any touch, in the mean, rounded up; at least 1.
