@@ -123,8 +123,9 @@ impl PackedBounds {
         [self.error, self.radius].into_iter().all(|bytes| widened(bytes).is_finite() && widened(bytes) >= 0.0)
     }
 
+    /// The bounds around a centre.
     #[inline]
-    pub(super) fn unpacked(&self, center: Vec3) -> NodeBounds {
+    pub fn around(&self, center: Vec3) -> NodeBounds {
         let radius = widened(self.radius);
         let [cylinder_radius, cylinder_below, cylinder_above] = self.cylinder.map(|q| f32::from(q) / SHARE_STEPS * radius);
         let cone_sine = (self.cone != ALL_AROUND).then(|| f32::from(self.cone) / CONE_STEPS);
@@ -180,7 +181,7 @@ mod tests {
                 half_box: Vec3::new(d, e, f),
                 least_cosine: cosine,
             };
-            let out = PackedBounds::new(&extent).unpacked(Vec3::ONE);
+            let out = PackedBounds::new(&extent).around(Vec3::ONE);
             let found = out.extent;
             prop_assert!(found.error >= error && found.error <= error * 1.01 + 1e-30);
             prop_assert!(found.radius >= radius && found.radius <= radius * 1.01);

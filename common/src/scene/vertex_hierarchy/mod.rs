@@ -271,7 +271,7 @@ impl VertexHierarchy {
     /// What encloses a lead's node: everything that its parent turns into by this split and later ones, down to the triangles of the mesh.
     #[inline]
     pub fn bounds(&self, lead: VertexId) -> NodeBounds {
-        self.split(lead).bounds.unpacked(self.position(self.parent(lead)))
+        self.split(lead).bounds.around(self.position(self.parent(lead)))
     }
 
     /// Only the error of [`VertexHierarchy::bounds`], metres.

@@ -169,7 +169,7 @@ impl Queue<'_> {
         let star = Fitness::star(self.mesh, &self.surface, place)?;
         targets.clear();
         targets.extend(star.targets().map(|onto| Target { onto, cost: self.cost(place, onto[0]) }));
-        targets.sort_unstable_by(|a, b| (a.cost.to_bits(), a.onto).cmp(&(b.cost.to_bits(), b.onto)));
+        targets.sort_unstable_by_key(|target| (target.cost.to_bits(), target.onto));
         let fit = targets.iter().find_map(|target| Some((*target, fitness.deviation(&self.surface, &star, target)?)));
         fit.map(|(target, deviation)| (star, target, deviation))
     }
