@@ -17,10 +17,12 @@ const BORDER_WEIGHT: f32 = 2.0;
 /// How much going somewhere else costs within a plane: so flat parts become coarse evenly, and hierarchies stay low.
 const POINT_WEIGHT: f32 = 1e-3;
 
-/// No key: the place has nowhere to go until something changes around it.
-const PARKED: u32 = u32::MAX;
+/// Set beside a key, the sign of a cost: the place has nowhere to go until something changes around it.
+const PARKED: u32 = 1 << 31;
 /// No key: the place is given up.
-const GONE: u32 = u32::MAX - 1;
+const GONE: u32 = u32::MAX;
+/// A parked place is asked again once others cost so many times what it did: around what stays, something changes all the time.
+const WAIT: f32 = 1.5;
 
 /// The link of a vertex that was given up.
 #[derive(Clone, Copy, Debug, Default)]
@@ -58,7 +60,7 @@ impl Collapses {
         let mut targets = Vec::new();
         while let Some((place, key)) = queue.pop() {
             let Some((star, target, deviation)) = queue.best(&mut fitness, place, &mut targets) else {
-                queue.keys[place as usize] = PARKED;
+                queue.keys[place as usize] = key | PARKED;
                 continue;
             };
             if queue.is_too_dear(key, target.cost) {
@@ -131,7 +133,7 @@ impl Queue<'_> {
             })
             .collect();
         let entries: Vec<Reverse<(u32, u32)>> =
-            self.keys.iter().zip(0..).filter(|(key, _)| **key < GONE).map(|(key, place)| Reverse((*key, place))).collect();
+            self.keys.iter().zip(0..).filter(|(key, _)| **key < PARKED).map(|(key, place)| Reverse((*key, place))).collect();
         self.heap = BinaryHeap::from(entries);
     }
 
@@ -146,14 +148,14 @@ impl Queue<'_> {
 
     fn push(&mut self, place: u32, cost: f32) {
         // Costs are not negative, so their bits are in their order. One that is no number comes last.
-        let key = cost.to_bits().min(GONE - 1);
+        let key = cost.to_bits().min(PARKED - 1);
         self.keys[place as usize] = key;
         self.heap.push(Reverse((key, place)));
     }
 
     /// Whether another place comes before one that costs more than its key said.
     fn is_too_dear(&self, key: u32, cost: f32) -> bool {
-        let cost = cost.to_bits().min(GONE - 1);
+        let cost = cost.to_bits().min(PARKED - 1);
         cost > key && self.heap.peek().is_some_and(|Reverse((next, _))| cost > *next)
     }
 
@@ -193,8 +195,9 @@ impl Queue<'_> {
         self.errors[onto] = error;
         for vertex in star.sides().flat_map(|(_, fan)| fan.path()) {
             let around = self.mesh.welds[*vertex as usize];
-            if self.keys[around as usize] == PARKED {
-                self.push(around, target.cost);
+            let key = self.keys[around as usize];
+            if key & PARKED != 0 && key != GONE {
+                self.push(around, target.cost.max(f32::from_bits(key & !PARKED) * WAIT));
             }
         }
         error

@@ -15,8 +15,11 @@ const MAX_VALENCE: usize = 24;
 const MAX_ASKED: usize = 64;
 /// Least cosine between a triangle and the one that it stands for.
 const LEAST_TURN: f32 = 0.25;
-/// Least height of a triangle, as a share of its longest side; twice the area over the side squared.
-const LEAST_FLATNESS: f32 = 0.02;
+/// Least height of a triangle, as a share of its longest side: twice the area over the side squared. One that stands for a lower one may be half
+/// as high as that was.
+const LEAST_HEIGHT: f32 = 0.02;
+/// No triangle is lower than this.
+const NO_HEIGHT: f32 = 1e-4;
 
 /// What is around a place that may be given up.
 pub(super) enum Star {
@@ -205,8 +208,13 @@ impl<'a> Fitness<'a> {
     fn keeps_facing(&self, vertex: u32, onto: u32, a: u32, b: u32) -> bool {
         let [from, to, p, q] = [vertex, onto, a, b].map(|v| self.position(v));
         let (before, after) = ((p - from).cross(q - from), (p - to).cross(q - to));
-        let longest = (p - to).length_squared().max((q - to).length_squared()).max((p - q).length_squared());
-        if after.length() <= LEAST_FLATNESS * longest {
+        let height = |tip: Vec3, doubled_area: Vec3| {
+            let longest = (p - tip).length_squared().max((q - tip).length_squared()).max((p - q).length_squared());
+            doubled_area.length() / longest.max(f32::MIN_POSITIVE)
+        };
+        let least = (0.5 * height(from, before)).clamp(NO_HEIGHT, LEAST_HEIGHT);
+        // Also where it is no number.
+        if height(to, after).partial_cmp(&least).is_none_or(|order| order.is_lt()) {
             return false;
         }
         if before.dot(after) < LEAST_TURN * before.length() * after.length() {
