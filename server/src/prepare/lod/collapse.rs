@@ -1,5 +1,7 @@
 //! The collapses of a mesh, cheapest first, until none may be.
 
+mod regions;
+
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -11,6 +13,8 @@ use super::fitness::{Fitness, Star, Target};
 use super::quadric::Quadric;
 use super::source::LodMesh;
 use super::surface::{Fan, Surface};
+
+pub(super) use regions::Regions;
 
 /// How much leaving a border or a seam costs, beside leaving a plane.
 const BORDER_WEIGHT: f32 = 2.0;
@@ -43,23 +47,45 @@ pub(super) struct Collapses {
     pub links: Vec<u32>,
     /// How far the surface may then be from the mesh, metres: an estimate. What was given up before and is part of it has no more.
     pub errors: Vec<f32>,
+    /// What each cost, or more: none costs less than the one before it in its region.
+    costs: Vec<f32>,
     /// What is left.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl Collapses {
     /// Collapses a mesh as far as it goes. The same mesh gives the same collapses.
-    pub fn of(mesh: &LodMesh) -> Self {
+    pub fn of(mesh: &LodMesh, regions: Regions) -> Self {
         let surface = Surface::of(mesh);
         let (quadrics, normals): (Vec<Quadric>, Vec<Vec3>) =
             (0..mesh.positions.len() as u32).into_par_iter().map(|v| quadric_and_normal(mesh, &surface, v)).unzip();
-        let mut queue = Queue { mesh, surface, quadrics, heap: BinaryHeap::new(), keys: Vec::new(), errors: Vec::new() };
-        queue.fill();
-        let mut fitness = Fitness::new(mesh, normals);
-        let mut collapses = Self::default();
+        let errors = vec![0.0; mesh.positions.len()];
+        if mesh.triangles.len() < regions.least_triangles {
+            let mut fitness = Fitness::new(mesh, normals);
+            let mut queue = Queue::new(mesh, surface, quadrics, errors);
+            let mut collapses = Self::default();
+            collapses.run(&mut queue, &mut fitness, 0);
+            return collapses;
+        }
+        drop(surface);
+        let mut state = State { quadrics, normals, errors };
+        let mut collapses = regions::collapse(mesh, &mut state, regions.triangles);
+        let surface = Surface::of_triangles(&collapses.triangles, mesh.positions.len());
+        let mut fitness = Fitness::new(mesh, state.normals);
+        let mut queue = Queue::new(mesh, surface, state.quadrics, state.errors);
+        collapses.run(&mut queue, &mut fitness, 0);
+        collapses
+    }
+
+    /// Collapses what may be, until so few triangles are left.
+    fn run(&mut self, queue: &mut Queue<'_>, fitness: &mut Fitness<'_>, least_triangles: usize) {
+        let mut left = queue.surface.triangles().count();
+        queue.fill(fitness);
         let mut targets = Vec::new();
-        while let Some((place, key)) = queue.pop() {
-            let Some((star, target, deviation)) = queue.best(&mut fitness, place, &mut targets) else {
+        while left > least_triangles
+            && let Some((place, key)) = queue.pop()
+        {
+            let Some((star, target, deviation)) = queue.best(fitness, place, &mut targets) else {
                 queue.keys[place as usize] = key | PARKED;
                 continue;
             };
@@ -68,14 +94,15 @@ impl Collapses {
                 continue;
             }
             let error = queue.collapse(place, &star, &target, deviation);
-            collapses.record(&star, &target, error);
+            left -= if matches!(star, Star::Border(..)) { 1 } else { 2 };
+            self.record(&star, &target, error);
         }
-        collapses.triangles = queue.surface.triangles().collect();
-        collapses
+        self.triangles = queue.surface.triangles().collect();
     }
 
     /// Notes vertices last to first: reversed, the lead comes first.
     fn record(&mut self, star: &Star, target: &Target, error: f32) {
+        let cost = target.cost.max(self.costs.last().copied().unwrap_or(0.0));
         let count = star.sides().count();
         let sides: [Option<(u32, &Fan)>; 2] = {
             let mut sides = star.sides();
@@ -100,8 +127,16 @@ impl Collapses {
             self.vertices.push(vertex);
             self.heads.push(Head { length: path.len(), shape, is_follower: number > 0 });
             self.errors.push(error);
+            self.costs.push(cost);
         }
     }
+}
+
+/// What is known of places from collapse to collapse.
+struct State {
+    quadrics: Vec<Quadric>,
+    normals: Vec<Vec3>,
+    errors: Vec<f32>,
 }
 
 /// Places by what giving them up costs. A place's key may be less than that: it is asked anew when it comes first.
@@ -117,14 +152,18 @@ struct Queue<'a> {
     errors: Vec<f32>,
 }
 
-impl Queue<'_> {
-    fn fill(&mut self) {
+impl<'a> Queue<'a> {
+    fn new(mesh: &'a LodMesh, surface: Surface, quadrics: Vec<Quadric>, errors: Vec<f32>) -> Self {
+        Self { mesh, surface, quadrics, heap: BinaryHeap::new(), keys: Vec::new(), errors }
+    }
+
+    fn fill(&mut self, fitness: &Fitness<'_>) {
         let count = self.mesh.positions.len() as u32;
-        self.errors = vec![0.0; count as usize];
         self.keys = (0..count)
             .into_par_iter()
             .map(|place| {
-                if self.mesh.welds[place as usize] != place {
+                let is_fixed = fitness.fixed.get(place as usize).is_some_and(|fixed| *fixed);
+                if is_fixed || self.mesh.welds[place as usize] != place {
                     return GONE;
                 }
                 let star = Fitness::star(self.mesh, &self.surface, place);

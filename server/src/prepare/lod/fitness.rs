@@ -72,6 +72,8 @@ pub(super) struct Fitness<'a> {
     pub mesh: &'a LodMesh,
     /// By place: the normal of the mesh there, of any length; zero where not every triangle around is seen from its tip.
     pub normals: Vec<Vec3>,
+    /// By place: whether it has triangles that are not here, too, and stays. Empty where none has.
+    pub fixed: Vec<bool>,
     /// By place: the number of the star that it is around, doubled, plus one once it has been counted.
     marks: Vec<u32>,
     star: u32,
@@ -79,7 +81,7 @@ pub(super) struct Fitness<'a> {
 
 impl<'a> Fitness<'a> {
     pub fn new(mesh: &'a LodMesh, normals: Vec<Vec3>) -> Self {
-        Self { mesh, normals, marks: vec![0; mesh.positions.len()], star: 0 }
+        Self { mesh, normals, fixed: Vec::new(), marks: vec![0; mesh.positions.len()], star: 0 }
     }
 
     fn weld(&self, vertex: u32) -> u32 {
@@ -157,6 +159,9 @@ impl<'a> Fitness<'a> {
     fn keeps_topology(&mut self, surface: &Surface, star: &Star, target: &Target) -> bool {
         let place = self.weld(star.sides().next().map_or(0, |side| side.0));
         let onto_place = self.weld(target.onto[0]);
+        if self.may_join_elsewhere(star, onto_place) {
+            return false;
+        }
         let triangles: usize = star.sides().map(|(_, fan)| fan.triangles()).sum();
         let is_tip = triangles == 3 && !matches!(star, Star::Border(..));
         let (marked, counted) = (2 * self.star, 2 * self.star + 1);
@@ -202,6 +207,13 @@ impl<'a> Fitness<'a> {
             let third_has_other = || third.is_some_and(|v| surface.around(v).any(|(a, b, _)| a != vertex && b != vertex));
             !is_single || (others > 0 && third_has_other() && (has_other_edge || !matches!(star, Star::Border(..))))
         })
+    }
+
+    /// Whether a triangle that is not here may join the target to another place around the star: then they must not be joined here.
+    fn may_join_elsewhere(&self, star: &Star, onto_place: u32) -> bool {
+        let is_fixed = |place: u32| self.fixed.get(place as usize).is_some_and(|fixed| *fixed);
+        let mut others = star.sides().flat_map(|(_, fan)| fan.path()).map(|v| self.weld(*v));
+        is_fixed(onto_place) && others.any(|other| other != onto_place && is_fixed(other))
     }
 
     /// Whether (onto, a, b) may stand for (vertex, a, b): it is a triangle, is hardly turned, and faces as the mesh does at its corners.

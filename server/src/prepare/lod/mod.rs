@@ -28,7 +28,7 @@ pub use source::{LodMesh, MAX_LOD_TRIANGLES};
 pub use statistics::LodStatistics;
 
 use super::ProgressFn;
-use collapse::Collapses;
+use collapse::{Collapses, Regions};
 use order::Ordered;
 
 /// What is worth a hierarchy.
@@ -75,7 +75,7 @@ pub fn add_vertex_hierarchies(
     for (done, group) in groups.into_iter().enumerate() {
         progress(STAGE, done as u64, total);
         let Some(mesh) = source::mesh(package, &group) else { continue };
-        let (base, blocks) = simplify(&mesh, options)?;
+        let (base, blocks) = simplify(&mesh, options, Regions::default())?;
         statistics.add(&mesh, &base, &blocks);
         let mut blobs = vec![base.encode()];
         blobs.extend(blocks.iter().map(BlockParts::encode));
@@ -91,17 +91,20 @@ pub fn add_vertex_hierarchies(
 /// # Errors
 /// For an option out of range.
 pub fn vertex_hierarchy(mesh: &LodMesh, options: &LodOptions) -> Result<VertexHierarchy, LodError> {
-    let (base, blocks) = simplify(mesh, options)?;
+    joined(simplify(mesh, options, Regions::default())?)
+}
+
+fn joined((base, blocks): (BaseMesh, Vec<BlockParts>)) -> Result<VertexHierarchy, LodError> {
     let mut hierarchy = VertexHierarchy::new(base)?;
     blocks.into_iter().try_for_each(|block| hierarchy.append(block))?;
     Ok(hierarchy)
 }
 
-fn simplify(mesh: &LodMesh, options: &LodOptions) -> Result<(BaseMesh, Vec<BlockParts>), LodError> {
+fn simplify(mesh: &LodMesh, options: &LodOptions, regions: Regions) -> Result<(BaseMesh, Vec<BlockParts>), LodError> {
     if !(1..=MAX_BLOCK_VERTICES).contains(&options.block_vertices) {
         return Err(LodError::Block { found: options.block_vertices });
     }
-    let collapses = Collapses::of(mesh);
+    let collapses = Collapses::of(mesh, regions);
     let ordered = Ordered::new(mesh, &collapses);
     drop(collapses);
     let bounds = bounds::node_bounds(mesh, &ordered);

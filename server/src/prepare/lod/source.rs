@@ -89,6 +89,18 @@ impl LodMesh {
         std::iter::successors(Some(vertex), next)
     }
 
+    /// Links the vertices that are in one place.
+    pub(super) fn link_wedges(&mut self) {
+        self.wedges = (0..self.positions.len() as u32).collect();
+        for v in 0..self.positions.len() {
+            let first = self.welds[v] as usize;
+            if first != v {
+                self.wedges[v] = self.wedges[first];
+                self.wedges[first] = v as u32;
+            }
+        }
+    }
+
     pub(super) fn attributes(&self) -> VertexAttributes {
         VertexAttributes { uvs: !self.uvs.is_empty(), colors: !self.colors.is_empty() }
     }
@@ -218,14 +230,7 @@ impl Welder {
     pub fn finish(self) -> LodMesh {
         let mut mesh = self.mesh;
         if self.has_seams {
-            mesh.wedges = (0..mesh.positions.len() as u32).collect();
-            for v in 0..mesh.positions.len() {
-                let first = mesh.welds[v] as usize;
-                if first != v {
-                    mesh.wedges[v] = mesh.wedges[first];
-                    mesh.wedges[first] = v as u32;
-                }
-            }
+            mesh.link_wedges();
         }
         mesh
     }

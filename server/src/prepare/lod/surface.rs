@@ -68,8 +68,13 @@ impl Fan {
 
 impl Surface {
     pub fn of(mesh: &LodMesh) -> Self {
-        let corners: Vec<u32> = mesh.triangles.as_flattened().to_vec();
-        let mut first = vec![NONE; mesh.positions.len()];
+        Self::of_triangles(&mesh.triangles, mesh.positions.len())
+    }
+
+    /// Triangles between so many vertices.
+    pub fn of_triangles(triangles: &[[u32; 3]], vertices: usize) -> Self {
+        let corners: Vec<u32> = triangles.as_flattened().to_vec();
+        let mut first = vec![NONE; vertices];
         let mut next = vec![NONE; corners.len()];
         // Last to first, so that lists run along the memory.
         for (corner, vertex) in corners.iter().enumerate().rev() {

@@ -141,6 +141,53 @@ fn seams_split_together_and_parts_stay() {
     }
 }
 
+/// By regions of few triangles, whose borders cross everything: as if the mesh were a large one.
+#[test]
+fn regions_give_the_mesh_back_and_leave_no_more() {
+    for (name, mesh) in all() {
+        for triangles in [90, 400] {
+            let options = LodOptions { block_vertices: 100, ..LodOptions::default() };
+            let parts = simplify(&mesh, &options, Regions { least_triangles: 0, triangles }).expect("it is one");
+            let by_regions = joined(parts).expect("every split finds what it takes");
+            let found = by_place(finest(&by_regions).into_iter().map(|t| t.map(|v| by_regions.position(v))));
+            assert_eq!(found, by_place(mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize]))), "{name}");
+            let (whole, parts) = (hierarchy(&mesh).base().triangles.len(), by_regions.base().triangles.len());
+            assert!(parts <= 2 * whole + 20, "{name}: {parts} triangles in the base, {whole} without regions");
+        }
+    }
+}
+
+/// After every split at most one triangle is on either side of an edge: with regions, no two of them make the same one.
+#[test]
+fn every_prefix_is_a_surface() {
+    for (name, mesh) in all() {
+        for regions in [Regions::default(), Regions { least_triangles: 0, triangles: 60 }] {
+            let parts = simplify(&mesh, &LodOptions::default(), regions).expect("it is one");
+            let hierarchy = joined(parts).expect("it is one");
+            let mut sides: HashMap<[[u32; 3]; 2], i32> = HashMap::new();
+            // All that a split takes goes before what it puts comes: no side has two at any time.
+            let mut change = |corners: [u32; 3], by: i32| {
+                let t = corners.map(|v| bits(hierarchy.position(VertexId(v))));
+                for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+                    let count = sides.entry([t[a], t[b]]).or_default();
+                    *count += by;
+                    assert!((0..=1).contains(count), "{name}: {corners:?}");
+                }
+            };
+            hierarchy.base().triangles.iter().for_each(|t| change(*t, 1));
+            let leads = (hierarchy.base_count()..hierarchy.vertex_count()).map(VertexId).filter(|v| !hierarchy.is_follower(*v));
+            for lead in leads {
+                for link in hierarchy.together(lead).map(|v| hierarchy.link(v)) {
+                    link.floor().for_each(|(a, b)| change([link.parent(), a, b], -1));
+                }
+                for vertex in hierarchy.together(lead) {
+                    hierarchy.link(vertex).edges().for_each(|(a, b)| change([vertex.0, a, b], 1));
+                }
+            }
+        }
+    }
+}
+
 /// All vertices of a node: its parent, and what comes of it by this split and later ones.
 fn node_vertices(hierarchy: &VertexHierarchy, lead: VertexId) -> Vec<VertexId> {
     let mut vertices = vec![hierarchy.parent(lead)];
@@ -284,6 +331,17 @@ fn components_stay() {
     let far = base.iter().filter(|t| t.iter().all(|v| hierarchy.position(VertexId(*v)).z == 50.0)).count();
     assert_eq!(far, 20, "a square is a triangle at last");
     assert!(base.len() < 20 * (2 + 40), "{} triangles", base.len());
+}
+
+/// Nothing of it can go, and nothing takes long.
+#[test]
+fn many_components_are_all_kept() {
+    const COUNT: u32 = 100_000;
+    let corner = |k: u32| Vec3::new((k % 3) as f32 * 0.1, (k / 3 % 300) as f32, (k / 900) as f32 + (k % 2) as f32 * 0.1);
+    let positions: Vec<Vec3> = (0..3 * COUNT).map(corner).collect();
+    let triangles: Vec<[u32; 3]> = (0..COUNT).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
+    let hierarchy = hierarchy_of(&positions, &triangles);
+    assert_eq!((hierarchy.base().triangles.len() as u32, hierarchy.triangle_count()), (COUNT, COUNT));
 }
 
 #[test]
