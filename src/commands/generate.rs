@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use mullion_server::generate::{Boxes, BoxesShape, GeneratedScene, write_glb};
+use mullion_server::generate::{Boxes, BoxesShape, GeneratedScene, Planet, write_glb};
 
 use crate::say::say;
 
 /// What to generate and where to.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Name of the scene: city, plp-city, cars, plant, palace, cathedrals, forest, garbage or
-    /// boxes.
+    /// Name of the scene: city, plp-city, cars, plant, palace, cathedrals, forest, garbage, boxes,
+    /// planet, hills or organic.
     scene: GeneratedScene,
     /// The GLB file to write.
     #[arg(long, value_name = "FILE")]
@@ -28,6 +28,9 @@ pub struct Options {
     /// How the file holds them: flat (instances of one node) or tree (with boxes only) [default: flat].
     #[arg(long)]
     shape: Option<BoxesShape>,
+    /// How many vertices, 6 to 67108864, as nearly as it goes (with planet only) [default: 16777218].
+    #[arg(long, value_name = "N")]
+    vertices: Option<u64>,
 }
 
 /// Runs the command.
@@ -50,6 +53,12 @@ fn scene(options: &Options) -> Result<GeneratedScene> {
         return match options.scene {
             GeneratedScene::City | GeneratedScene::PlpCity => Ok(GeneratedScene::PlpCity),
             other => bail!("--plp: only the city takes it, {other} does not"),
+        };
+    }
+    if let Some(vertices) = options.vertices {
+        return match options.scene {
+            GeneratedScene::Planet(_) => Ok(GeneratedScene::Planet(Planet::new(vertices).context("--vertices")?)),
+            other => bail!("--vertices: only the planet takes it, {other} does not"),
         };
     }
     let given = [("--leaves", options.leaves.is_some()), ("--shape", options.shape.is_some())];

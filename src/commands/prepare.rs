@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use mullion_common::scene::Package;
+use mullion_server::prepare::lod::{LodOptions, LodStatistics, add_vertex_hierarchies};
 use mullion_server::prepare::plp::{TessellateOptions, TessellationStatistics, tessellate};
 use mullion_server::prepare::{MAX_LEAF_TRIANGLES, PrepareOptions, statistics, write_package};
 
@@ -29,6 +30,9 @@ pub struct Options {
     /// Divide space down to this share of the scene's longest side (with --plp only) [default: 0.05].
     #[arg(long, value_name = "SHARE", requires = "plp", allow_negative_numbers = true)]
     plp_leaf: Option<f64>,
+    /// Simplify large meshes, too, so that nodes can draw them as coarsely as their distance allows.
+    #[arg(long)]
+    lod: bool,
 }
 
 /// Choices of preparation, shared by all commands that take a scene.
@@ -64,6 +68,7 @@ pub fn run(options: &Options) -> Result<()> {
         let leaf_share = options.plp_leaf.unwrap_or(TessellateOptions::default().leaf_share);
         add_tessellation(&mut package, &TessellateOptions { leaf_share })?;
     }
+    let simplified = if options.lod { Some(add_hierarchies(&mut package)?) } else { None };
     write_package(&package, &options.out)?;
     let s = statistics(&package);
     say!(
@@ -85,7 +90,27 @@ pub fn run(options: &Options) -> Result<()> {
             t.share_of_instances() * 100.0
         );
     }
+    if let Some((s, seconds)) = simplified {
+        say!(
+            "vertex hierarchies: {} of {} vertices, {} to {} triangles, {:.1} bytes a vertex, {seconds:.2} s",
+            s.hierarchies,
+            s.vertices,
+            s.base_triangles,
+            s.triangles,
+            s.bytes_per_vertex()
+        );
+    }
     Ok(())
+}
+
+/// Puts hierarchies into a package; also gives the seconds that it took.
+fn add_hierarchies(package: &mut Package) -> Result<(LodStatistics, f64)> {
+    let start = Instant::now();
+    let progress = Progress::new();
+    let report = |stage, done, total| progress.show(stage, done, total);
+    let statistics = add_vertex_hierarchies(package, &LodOptions::default(), &report);
+    progress.finish();
+    Ok((statistics.context("--lod")?, start.elapsed().as_secs_f64()))
 }
 
 /// Tessellates a package's space and puts that into it.

@@ -6,6 +6,8 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::VertexAttributes;
+
 /// Most bytes in one chunk.
 pub const MAX_CHUNK_BYTES: usize = 256 << 20;
 
@@ -120,6 +122,12 @@ impl GeometryChunk {
     pub fn positions(bytes: &[u8]) -> Vec<[f32; 3]> {
         let count = bytes.get(4..8).map_or(0, |b| bytemuck::pod_read_unaligned::<u32>(b) as usize);
         bytes.get(16..16 + count * 12).map(bytemuck::pod_collect_to_vec).unwrap_or_default()
+    }
+
+    /// Vertices in an encoded chunk and what they have, from its header; none where there is none.
+    pub fn vertices_and_attributes(bytes: &[u8]) -> (u32, VertexAttributes) {
+        let word = |at: usize| bytes.get(at..at + 4).map_or(0, bytemuck::pod_read_unaligned::<u32>);
+        (word(4), VertexAttributes { uvs: word(12) & HAS_UVS != 0, colors: word(12) & HAS_COLORS != 0 })
     }
 
     /// Reads and checks bytes from outside: lengths agree, triangles are whole, every index names a vertex.

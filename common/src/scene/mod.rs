@@ -14,6 +14,7 @@ mod leaf;
 mod material;
 mod package;
 mod tessellation;
+mod vertex_hierarchy;
 
 pub use chunk::{ChunkError, ChunkHash, GeometryChunk, MAX_CHUNK_BYTES, MAX_CHUNK_VERTICES};
 pub use growth::SceneSize;
@@ -27,4 +28,9 @@ pub use package::{
 pub use tessellation::{
     Cell, CellId, Cover, Exposure, ExposureWeights, FACES, Facing, FacingEye, LeafRun, MAX_CELLS, MAX_COVERED_TRIANGLES,
     NumberRows, Tessellation, TessellationError, TessellationParts, push_numbers,
+};
+pub use vertex_hierarchy::{
+    BaseMesh, BlockParts, HierarchyEntry, HierarchyTable, Link, LinkShape, MAX_BASE_TRIANGLES, MAX_BLOCK_VERTICES,
+    MAX_HIERARCHIES, MAX_HIERARCHY_VERTICES, MAX_LINK, MAX_PARTS, NodeAxis, NodeBounds, NodeExtent, PackedBounds, Split,
+    TrianglePlace, VertexAttributes, VertexData, VertexHierarchy, VertexHierarchyError, VertexId, greatest_first,
 };

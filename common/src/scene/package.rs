@@ -16,8 +16,8 @@ use thiserror::Error;
 
 use super::chunk_data::ChunkData;
 use super::{
-    AlphaMode, ChunkHash, ChunkId, HierarchyError, LeafRecord, MAX_CHUNK_BYTES, Material, Object, ObjectHierarchy, OhNode,
-    SceneSize, Tessellation, TessellationError, Transform,
+    AlphaMode, ChunkHash, ChunkId, HierarchyError, HierarchyTable, LeafRecord, MAX_CHUNK_BYTES, Material, Object,
+    ObjectHierarchy, OhNode, SceneSize, Tessellation, TessellationError, Transform, VertexHierarchyError,
 };
 use crate::wire::codec::{self, CodecError};
 
@@ -52,6 +52,8 @@ pub enum SectionKind {
     ChunkData = 8,
     /// A [`Tessellation`], in its own form. Not in every package.
     Tessellation = 9,
+    /// A [`HierarchyTable`], in its own form. Not in every package.
+    VertexHierarchies = 10,
 }
 
 impl SectionKind {
@@ -60,7 +62,7 @@ impl SectionKind {
 
     fn from_u32(value: u32) -> Option<Self> {
         use SectionKind as K;
-        const ALL: [K; 9] = [
+        const ALL: [K; 10] = [
             K::Hierarchy,
             K::Objects,
             K::Transforms,
@@ -70,6 +72,7 @@ impl SectionKind {
             K::Sources,
             K::ChunkData,
             K::Tessellation,
+            K::VertexHierarchies,
         ];
         ALL.into_iter().find(|kind| *kind as u32 == value)
     }
@@ -184,6 +187,8 @@ pub struct Scene {
     pub sources: Sources,
     /// Which cells of space each triangle touches, where that was asked for. Of a scene that grew: of the leaves that it began with.
     pub tessellation: Option<Arc<Tessellation>>,
+    /// How coarsely objects may be drawn, where that was asked for. Of a scene that grew: of the objects that it began with.
+    pub vertex_hierarchies: Option<Arc<HierarchyTable>>,
 }
 
 /// A scene with its chunks. Packages that grew from one another share the bytes of their chunks.
@@ -216,6 +221,8 @@ pub enum PackageError {
     Hierarchy(#[from] HierarchyError),
     #[error("tessellation: {0}")]
     Tessellation(#[from] TessellationError),
+    #[error("vertex hierarchies: {0}")]
+    VertexHierarchies(#[from] VertexHierarchyError),
     #[error("inconsistent: {0}")]
     Inconsistent(String),
 }
@@ -276,7 +283,8 @@ impl Scene {
         self.manifest.leaves.len() as u32
     }
 
-    /// The bytes of one section. Empty for [`SectionKind::ChunkData`], which the package holds, and for a tessellation that is not there.
+    /// The bytes of one section. Empty for [`SectionKind::ChunkData`], which the package holds, and for a tessellation or vertex
+    /// hierarchies that are not there.
     ///
     /// # Errors
     /// Never for a checked scene.
@@ -286,6 +294,9 @@ impl Scene {
             SectionKind::Objects => encode_section(kind, &self.objects),
             SectionKind::Sources => encode_section(kind, &self.sources),
             SectionKind::Tessellation => Ok(self.tessellation.as_ref().map(|t| t.encode()).unwrap_or_default()),
+            SectionKind::VertexHierarchies => {
+                Ok(self.vertex_hierarchies.as_ref().map(|table| table.section_bytes()).unwrap_or_default())
+            }
             for_tiles => self.manifest.section_since(for_tiles, SceneSize::default()),
         }
     }
@@ -371,6 +382,9 @@ impl Package {
         if let Some(tessellation) = &self.scene.tessellation {
             sections.push((SectionKind::Tessellation, tessellation.encode()));
         }
+        if let Some(table) = &self.scene.vertex_hierarchies {
+            sections.push((SectionKind::VertexHierarchies, table.section_bytes()));
+        }
         let mut all: Vec<(SectionKind, Vec<&[u8]>)> =
             sections.iter().map(|(kind, bytes)| (*kind, vec![bytes.as_slice()])).collect();
         all.push((SectionKind::ChunkData, self.chunk_data.slices().collect()));
@@ -407,9 +421,14 @@ impl Package {
             Ok(bytes) => Some(Arc::new(Tessellation::decode(bytes, &manifest)?)),
             Err(_) => None,
         };
+        let vertex_hierarchies = match get(SectionKind::VertexHierarchies) {
+            Ok(bytes) => Some(Arc::new(HierarchyTable::from_section(bytes, &manifest)?)),
+            Err(_) => None,
+        };
         let scene = Scene {
             hierarchy: Arc::new(ObjectHierarchy::new(nodes)?),
             tessellation,
+            vertex_hierarchies,
             manifest,
             objects: decode_section(SectionKind::Objects, get(SectionKind::Objects)?)?,
             sources: decode_section(SectionKind::Sources, get(SectionKind::Sources)?)?,

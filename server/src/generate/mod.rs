@@ -9,21 +9,27 @@ mod forest;
 mod garbage;
 mod glb_writer;
 mod gothic;
+mod hills;
+mod noise;
+mod organic;
 mod palace;
+mod planet;
 mod plant;
 mod random;
 mod round;
 mod solid;
+mod streamed;
 mod textures;
 
 pub use boxes::{Boxes, BoxesShape, MAX_BOXES};
 pub use glb_writer::GenerateReport;
+pub use planet::{MAX_PLANET_VERTICES, Planet};
 pub use random::Random;
 
 use glb_writer::Glb;
 use std::fmt;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -48,6 +54,12 @@ pub enum GeneratedScene {
     Garbage,
     /// Clustered boxes, as many as asked for.
     Boxes(Boxes),
+    /// A sphere with mountains, as finely divided as asked for: one object.
+    Planet(Planet),
+    /// A square of land with a border, 524 288 triangles: one object.
+    Hills,
+    /// A closed creature of 345 944 triangles whose limbs hide it: one object.
+    Organic,
 }
 
 impl GeneratedScene {
@@ -62,6 +74,9 @@ impl GeneratedScene {
         GeneratedScene::Forest,
         GeneratedScene::Garbage,
         GeneratedScene::Boxes(Boxes::DEFAULT),
+        GeneratedScene::Planet(Planet::DEFAULT),
+        GeneratedScene::Hills,
+        GeneratedScene::Organic,
     ];
 
     /// The name that a user types.
@@ -76,6 +91,9 @@ impl GeneratedScene {
             GeneratedScene::Forest => "forest",
             GeneratedScene::Garbage => "garbage",
             GeneratedScene::Boxes(_) => "boxes",
+            GeneratedScene::Planet(_) => "planet",
+            GeneratedScene::Hills => "hills",
+            GeneratedScene::Organic => "organic",
         }
     }
 
@@ -95,8 +113,12 @@ impl fmt::Display for GeneratedScene {
 impl FromStr for GeneratedScene {
     type Err = GenerateError;
 
-    /// A scene by its name; boxes also as `boxes:LEAVES` and `boxes:LEAVES:SHAPE`.
+    /// A scene by its name; boxes also as `boxes:LEAVES` and `boxes:LEAVES:SHAPE`, the planet as `planet:VERTICES`.
     fn from_str(name: &str) -> Result<Self, GenerateError> {
+        if let Some(vertices) = name.strip_prefix("planet:") {
+            let unknown = |_| GenerateError::Unknown { name: name.chars().take(80).collect() };
+            return Ok(Self::Planet(Planet::new(vertices.parse().map_err(unknown)?)?));
+        }
         if let Some(numbered) = name.strip_prefix("boxes:") {
             let (leaves, shape) = numbered.split_once(':').unwrap_or((numbered, "flat"));
             let unknown = |_| GenerateError::Unknown { name: name.chars().take(80).collect() };
@@ -128,18 +150,25 @@ pub enum GenerateError {
         /// The number that was asked for.
         leaves: u64,
     },
+    /// There cannot be so many vertices.
+    #[error("{vertices} vertices, allowed are 6 to {MAX_PLANET_VERTICES}")]
+    Vertices {
+        /// The number that was asked for.
+        vertices: u64,
+    },
     /// The file could not be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
         /// The file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        source: io::Error,
     },
 }
 
-fn generate(scene: GeneratedScene, seed: u64) -> Glb {
-    match scene {
+/// Writes a scene: those of one large mesh as they are computed, others once they are finished.
+fn write(scene: GeneratedScene, seed: u64, out: &mut impl Write) -> io::Result<GenerateReport> {
+    let glb: Glb = match scene {
         GeneratedScene::City => city::generate(seed, city::Blocks::FIVE_BY_FIVE),
         GeneratedScene::PlpCity => city::generate(seed, city::Blocks::FOUR_BY_THREE),
         GeneratedScene::Cars => cars::generate(seed),
@@ -149,16 +178,20 @@ fn generate(scene: GeneratedScene, seed: u64) -> Glb {
         GeneratedScene::Forest => forest::generate(seed),
         GeneratedScene::Garbage => garbage::generate(seed),
         GeneratedScene::Boxes(boxes) => boxes::generate(boxes, seed),
-    }
+        GeneratedScene::Planet(planet) => return streamed::write(&planet::Relief::new(planet, seed), out),
+        GeneratedScene::Hills => return streamed::write(&hills::Hills::new(seed), out),
+        GeneratedScene::Organic => return streamed::write(&organic::Organic::new(seed), out),
+    };
+    glb.write(out)?;
+    Ok(glb.report)
 }
 
 /// Generates `scene` as GLB bytes. The same scene and seed give the same bytes.
 pub fn glb(scene: GeneratedScene, seed: u64) -> (Vec<u8>, GenerateReport) {
-    let glb = generate(scene, seed);
-    let mut bytes = Vec::with_capacity(glb.report.bytes as usize);
+    let mut bytes = Vec::new();
     // Writing to a vector cannot fail.
-    glb.write(&mut bytes).expect("memory takes all bytes");
-    (bytes, glb.report)
+    let report = write(scene, seed, &mut bytes).expect("memory takes all bytes");
+    (bytes, report)
 }
 
 /// Generates `scene` and writes it to `out`, as [`glb`] gives it.
@@ -169,7 +202,7 @@ pub fn write_glb(scene: GeneratedScene, seed: u64, out: &Path) -> Result<Generat
     let fault = |source| GenerateError::Write { path: out.to_path_buf(), source };
     // Opened first: a wrong name is told at once.
     let mut file = BufWriter::new(File::create(out).map_err(fault)?);
-    let glb = generate(scene, seed);
-    glb.write(&mut file).and_then(|()| file.flush()).map_err(fault)?;
-    Ok(glb.report)
+    let report = write(scene, seed, &mut file).map_err(fault)?;
+    file.flush().map_err(fault)?;
+    Ok(report)
 }

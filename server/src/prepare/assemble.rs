@@ -80,7 +80,7 @@ pub fn prepare(source: SourceScene, options: &PrepareOptions, progress: Progress
         triangles: table.triangles,
     };
     let objects = name_objects(placed, &nodes, &manifest.leaves);
-    let scene = Scene { hierarchy, manifest, objects, sources, tessellation: None };
+    let scene = Scene { hierarchy, manifest, objects, sources, tessellation: None, vertex_hierarchies: None };
     let package = Package::new(scene, chunks.data).map_err(package_error)?;
     progress("building hierarchy", 1, 1);
     Ok(Prepared { package, warnings })

@@ -14,6 +14,7 @@ mod divide;
 pub mod gltf;
 mod graft;
 mod hierarchy;
+pub mod lod;
 pub mod plp;
 mod refine;
 mod statistics;

@@ -1,0 +1,278 @@
+//! vertex_front: which vertices of one hierarchy are there, and the triangles between them.
+
+use mullion_common::scene::{TrianglePlace, VertexHierarchy, VertexId};
+
+const NONE: u32 = u32::MAX;
+
+/// What is known of a vertex that is there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slot {
+    pub vertex: VertexId,
+    /// Which of the triangles that it made are there: a bit each. Nothing for vertices of the base.
+    triangles: u32,
+    /// Splits that were made, or are about to be, and need it.
+    needed: u32,
+    pub node: NodeState,
+    /// Whether the node that it came from was asked and found visible: then its own need not be asked.
+    pub is_seen: bool,
+    /// Whether its own split is known to be hidden.
+    pub is_hidden: bool,
+    /// The coarsest child that is not there: what this vertex would split into next.
+    pub next: Option<VertexId>,
+}
+
+/// What is known of the node that a vertex is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum NodeState {
+    /// Nothing.
+    #[default]
+    Unknown,
+    /// It was asked and is not answered.
+    Asked,
+    /// It is behind what was drawn.
+    Occluded,
+    /// It is not, or need not be asked.
+    Visible,
+}
+
+/// An active cut of one hierarchy: a set of splits, each with all that it needs. Starts as the base.
+#[derive(Clone, Debug, Default)]
+pub struct Cut {
+    /// For each vertex its place in `slots`.
+    places: Vec<u32>,
+    slots: Vec<Slot>,
+    base_triangles: Vec<u64>,
+    base_count: u32,
+    triangle_count: u32,
+}
+
+impl Cut {
+    /// The base of a hierarchy.
+    pub fn new(hierarchy: &VertexHierarchy) -> Self {
+        let mut cut = Self::default();
+        cut.reset(hierarchy);
+        cut
+    }
+
+    /// Takes all splits back. Another hierarchy may be given; memory is taken only where it is larger.
+    pub fn reset(&mut self, hierarchy: &VertexHierarchy) {
+        let count = hierarchy.base_count();
+        self.slots.drain(..).for_each(|slot| self.places[slot.vertex.index()] = NONE);
+        self.grow(hierarchy);
+        self.base_count = count;
+        let base = &hierarchy.base().triangles;
+        self.base_triangles.clear();
+        self.base_triangles.resize(base.len().div_ceil(64), u64::MAX);
+        self.triangle_count = base.len() as u32;
+        (0..count).for_each(|v| self.put(hierarchy, VertexId(v), false));
+    }
+
+    /// Makes room for blocks that came since.
+    pub fn grow(&mut self, hierarchy: &VertexHierarchy) {
+        let vertices = hierarchy.vertex_count() as usize;
+        if self.places.len() < vertices {
+            self.places.resize(vertices, NONE);
+            // What had no child may have one now.
+            (0..self.slots.len()).for_each(|at| self.advance(hierarchy, self.slots[at].vertex));
+        }
+    }
+
+    fn put(&mut self, hierarchy: &VertexHierarchy, vertex: VertexId, is_seen: bool) {
+        self.places[vertex.index()] = self.slots.len() as u32;
+        self.slots.push(Slot {
+            vertex,
+            triangles: 0,
+            needed: 0,
+            node: NodeState::Unknown,
+            is_seen,
+            is_hidden: false,
+            next: hierarchy.first_child(vertex),
+        });
+    }
+
+    fn remove(&mut self, vertex: VertexId) {
+        let place = std::mem::replace(&mut self.places[vertex.index()], NONE);
+        self.slots.swap_remove(place as usize);
+        if let Some(moved) = self.slots.get(place as usize) {
+            self.places[moved.vertex.index()] = place;
+        }
+    }
+
+    /// Whether a vertex is there.
+    #[inline]
+    pub fn has(&self, vertex: VertexId) -> bool {
+        self.places.get(vertex.index()).is_some_and(|place| *place != NONE)
+    }
+
+    pub(super) fn slot(&self, vertex: VertexId) -> Option<&Slot> {
+        let place = self.places.get(vertex.index())?;
+        self.slots.get(*place as usize)
+    }
+
+    pub(super) fn slot_mut(&mut self, vertex: VertexId) -> Option<&mut Slot> {
+        let place = self.places.get(vertex.index())?;
+        self.slots.get_mut(*place as usize)
+    }
+
+    pub(super) fn slots(&self) -> &[Slot] {
+        &self.slots
+    }
+
+    /// How many vertices are there.
+    pub fn vertex_count(&self) -> u32 {
+        self.slots.len() as u32
+    }
+
+    /// How many triangles are there.
+    pub fn triangle_count(&self) -> u32 {
+        self.triangle_count
+    }
+
+    /// A lead that must be split before this one and is not: of any, the first in its link.
+    #[inline]
+    pub fn missing(&self, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<VertexId> {
+        let links = hierarchy.together(lead).flat_map(|vertex| hierarchy.link(vertex).path());
+        links.map(|v| VertexId(*v)).find(|v| !self.has(*v)).map(|v| hierarchy.lead(v))
+    }
+
+    /// Says that a split is about to be made: until then or until it is [`Cut::unpin`]ned nothing that it needs can be taken back.
+    pub(super) fn pin(&mut self, hierarchy: &VertexHierarchy, lead: VertexId) {
+        self.change_needed(hierarchy, lead, 1);
+    }
+
+    pub(super) fn unpin(&mut self, hierarchy: &VertexHierarchy, lead: VertexId) {
+        self.change_needed(hierarchy, lead, u32::MAX);
+    }
+
+    /// What is needed and not there yet is counted when it comes.
+    fn change_needed(&mut self, hierarchy: &VertexHierarchy, lead: VertexId, by: u32) {
+        for vertex in hierarchy.together(lead) {
+            for needed in hierarchy.link(vertex).path() {
+                if let Some(slot) = self.slot_mut(VertexId(*needed)) {
+                    slot.needed = slot.needed.wrapping_add(by);
+                }
+            }
+        }
+    }
+
+    /// Makes a split, with whatever goes together with it. Its link must be there, and it must not. How many triangles came.
+    ///
+    /// # Panics
+    /// When the link is not there.
+    pub fn split(&mut self, hierarchy: &VertexHierarchy, lead: VertexId) -> u32 {
+        self.pin(hierarchy, lead);
+        let before = self.triangle_count;
+        let parent = hierarchy.parent(lead);
+        // The node's other half, too, is of what was seen; what is split because others need it was not asked.
+        let is_seen = self.slot(parent).is_some_and(|slot| slot.next == Some(lead) && slot.node == NodeState::Visible);
+        if let Some(slot) = self.slot_mut(parent) {
+            slot.is_seen = is_seen;
+        }
+        for vertex in hierarchy.together(lead) {
+            let link = hierarchy.link(vertex);
+            for (a, b) in link.floor() {
+                let place =
+                    self.find(hierarchy, [link.parent(), a, b], true).expect("a split finds what it takes: its link is there");
+                self.set(hierarchy, place, false);
+            }
+            self.put(hierarchy, vertex, is_seen);
+            let all = ((1u64 << link.edges().len()) - 1) as u32;
+            if let Some(slot) = self.slot_mut(vertex) {
+                slot.triangles = all;
+            }
+            self.triangle_count += link.edges().len() as u32;
+        }
+        self.advance(hierarchy, parent);
+        self.triangle_count - before
+    }
+
+    /// Whether a split can be taken back: it was made, and no other needs it.
+    #[inline]
+    pub fn can_collapse(&self, hierarchy: &VertexHierarchy, lead: VertexId) -> bool {
+        !hierarchy.is_base(lead) && hierarchy.together(lead).all(|vertex| self.slot(vertex).is_some_and(|slot| slot.needed == 0))
+    }
+
+    /// Takes a split back, with whatever went together with it. How many triangles are gone.
+    ///
+    /// # Panics
+    /// When another split needs it.
+    pub fn collapse(&mut self, hierarchy: &VertexHierarchy, lead: VertexId) -> u32 {
+        assert!(self.can_collapse(hierarchy, lead), "a split is taken back that others need");
+        let before = self.triangle_count;
+        for vertex in hierarchy.together(lead) {
+            let link = hierarchy.link(vertex);
+            self.triangle_count -= link.edges().len() as u32;
+            self.remove(vertex);
+            for (a, b) in link.floor() {
+                let place = self.find(hierarchy, [link.parent(), a, b], false).expect("what a split took can come back");
+                self.set(hierarchy, place, true);
+            }
+        }
+        self.unpin(hierarchy, lead);
+        let parent = hierarchy.parent(lead);
+        if let Some(slot) = self.slot_mut(parent) {
+            slot.node = NodeState::Unknown;
+            slot.is_seen = false;
+        }
+        self.advance(hierarchy, parent);
+        before - self.triangle_count
+    }
+
+    /// Finds out what a vertex would split into next.
+    fn advance(&mut self, hierarchy: &VertexHierarchy, vertex: VertexId) {
+        let mut next = hierarchy.first_child(vertex);
+        while let Some(lead) = next.filter(|lead| self.has(*lead)) {
+            next = hierarchy.next_sibling(lead);
+        }
+        if let Some(slot) = self.slot_mut(vertex)
+            && slot.next != next
+        {
+            slot.next = next;
+            slot.node = NodeState::Unknown;
+        }
+    }
+
+    /// A triangle of these vertices that is there, or that is not.
+    #[inline]
+    fn find(&self, hierarchy: &VertexHierarchy, corners: [u32; 3], there: bool) -> Option<TrianglePlace> {
+        hierarchy.places(corners).find(|place| self.is_there(hierarchy, *place) == there)
+    }
+
+    #[inline]
+    fn is_there(&self, hierarchy: &VertexHierarchy, place: TrianglePlace) -> bool {
+        if hierarchy.is_base(place.maker) {
+            let at = hierarchy.base_range(place.maker).start + place.number as usize;
+            self.base_triangles[at / 64] >> (at % 64) & 1 != 0
+        } else {
+            self.slot(place.maker).is_some_and(|slot| slot.triangles >> place.number & 1 != 0)
+        }
+    }
+
+    /// Puts a triangle or takes it; the counts are those of triangles that are there.
+    #[inline]
+    fn set(&mut self, hierarchy: &VertexHierarchy, place: TrianglePlace, there: bool) {
+        if hierarchy.is_base(place.maker) {
+            let at = hierarchy.base_range(place.maker).start + place.number as usize;
+            let word = &mut self.base_triangles[at / 64];
+            *word = *word & !(1 << (at % 64)) | u64::from(there) << (at % 64);
+        } else if let Some(slot) = self.slot_mut(place.maker) {
+            slot.triangles = slot.triangles & !(1 << place.number) | u32::from(there) << place.number;
+        }
+        self.triangle_count = if there { self.triangle_count + 1 } else { self.triangle_count - 1 };
+    }
+
+    /// The triangles that are there, counterclockwise from the front. The first of each tells its material.
+    pub fn triangles<'a>(&'a self, hierarchy: &'a VertexHierarchy) -> impl Iterator<Item = [VertexId; 3]> + 'a {
+        let base = hierarchy.base().triangles.iter().enumerate();
+        let of_base = base.filter(|(at, _)| self.base_triangles[at / 64] >> (at % 64) & 1 != 0).map(|(_, t)| t.map(VertexId));
+        let made = self.slots.iter().flat_map(move |slot| {
+            let mut left = slot.triangles;
+            std::iter::from_fn(move || {
+                let number = (left != 0).then(|| left.trailing_zeros())?;
+                left &= left - 1;
+                Some(hierarchy.triangle(TrianglePlace { maker: slot.vertex, number }))
+            })
+        });
+        of_base.chain(made)
+    }
+}
