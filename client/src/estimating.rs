@@ -25,6 +25,8 @@ use crate::tile_session::{FrameToDraw, ViewToDraw};
 /// What a painter keeps for them.
 pub(crate) struct Estimating {
     tessellation: Arc<Tessellation>,
+    /// By place in the tessellation: whose objects have moved.
+    left_out: Vec<bool>,
     wall: Traversal,
     /// Whether the wall's budget left something out in this frame.
     pub is_cut: bool,
@@ -88,28 +90,35 @@ impl OfView {
 
 impl Estimating {
     pub fn new(tessellation: Arc<Tessellation>, views: usize) -> Self {
-        Self { tessellation, wall: Traversal::new(), is_cut: false, views: (0..views).map(|_| OfView::default()).collect() }
+        Self {
+            tessellation,
+            left_out: Vec::new(),
+            wall: Traversal::new(),
+            is_cut: false,
+            views: (0..views).map(|_| OfView::default()).collect(),
+        }
     }
 
     /// Objects stand elsewhere: those that moved are not the tessellation's business until they are back.
     pub fn leave_out_moved(&mut self, manifest: &SceneManifest, transforms: &[Transform]) {
-        for (place, leaf) in (0..).zip(self.tessellation.leaves()) {
+        let has_moved = |leaf: &u32| {
             let object = manifest.leaves[*leaf as usize].object.0 as usize;
-            let has_moved = manifest.transforms[object] != transforms[object];
-            self.wall.leave_out(&self.tessellation, place, has_moved);
-            self.views.iter_mut().for_each(|view| view.own.leave_out(&self.tessellation, place, has_moved));
-        }
+            manifest.transforms[object] != transforms[object]
+        };
+        self.left_out.clear();
+        self.left_out.extend(self.tessellation.leaves().iter().map(has_moved));
     }
 
     /// Finds the estimates of a frame.
     pub fn find(&mut self, manifest: &SceneManifest, specs: &[ViewSpec], frame: &FrameToDraw) {
-        let Self { tessellation, wall, is_cut, views } = self;
+        let Self { tessellation, left_out, wall, is_cut, views } = self;
         *is_cut = false;
         let order = frame.estimate.as_ref();
         let of_wall = order.filter(|_| frame.views.iter().any(|view| view.budget == Budget::default()));
         if let Some(order) = of_wall {
             let sight = Sight { eye: frame.shared_eye, planes: &order.planes, pixels_per_radian: order.pixels_per_radian };
             let of_wall = Frame { tessellation, scene: manifest, sight };
+            wall.leave_out(left_out);
             wall.begin(&of_wall, Solidity::default());
             *is_cut = !wall.project(&of_wall, order.triangles).is_complete;
         }
@@ -118,6 +127,7 @@ impl Estimating {
                 Some(budget) => {
                     let look = Look::of(spec, view, frame);
                     let of_view = Frame { tessellation, scene: manifest, sight: look.sight() };
+                    kept.own.leave_out(left_out);
                     kept.own.begin(&of_view, Solidity::default());
                     let is_complete = kept.own.project(&of_view, budget).is_complete;
                     kept.is_cut = !is_complete && kept.throughput.as_ref().is_some_and(|(_, t)| t.triangles() == budget);

@@ -56,6 +56,13 @@ pub struct ViewInput<'a> {
     pub occluders: Option<&'a VisibleSet>,
 }
 
+impl<'a> ViewInput<'a> {
+    /// A view of which all that it sees is drawn.
+    pub fn new(view: ViewId, projection: Projection, visible: &'a VisibleSet, missing: &'a VisibleSet) -> Self {
+        Self { view, projection, visible, missing, estimate: None, occluders: None }
+    }
+}
+
 /// What to draw in one round. Executed by [`crate::gpu::Renderer::draw`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FramePlan {
@@ -354,7 +361,7 @@ mod tests {
         (when_missing, missing): (WhenMissing, &VisibleSet),
     ) -> FramePlan {
         let projection = Projection { eye: DVec3::new(5.0, 0.0, 0.0), clip_from_offset: DMat4::IDENTITY };
-        let views = [ViewInput { view: ViewId(3), projection, visible, missing, estimate: None, occluders: None }];
+        let views = [ViewInput::new(ViewId(3), projection, visible, missing)];
         let transforms = &manifest.transforms;
         let shared_eye = DVec3::ZERO;
         planner
@@ -448,8 +455,7 @@ mod tests {
         let projection = Projection { eye: DVec3::ZERO, clip_from_offset: DMat4::IDENTITY };
         let visible = VisibleSet::all(2);
         let missing = VisibleSet::default();
-        let views =
-            [ViewInput { view: ViewId(0), projection, visible: &visible, missing: &missing, estimate: None, occluders: None }];
+        let views = [ViewInput::new(ViewId(0), projection, &visible, &missing)];
         let mut planner = Planner::new();
         let input = FrameInput {
             views: &views,

@@ -222,13 +222,8 @@ impl Painter for GpuPainter {
             .iter()
             .zip(&frame.views)
             .zip(&*drawn)
-            .map(|((spec, view), drawn)| ViewInput {
-                view: spec.view,
-                projection: projection(spec, view.eye, &frame.world_from_room),
-                visible: drawn,
-                missing: &view.missing,
-                estimate: None,
-                occluders: None,
+            .map(|((spec, view), drawn)| {
+                ViewInput::new(spec.view, projection(spec, view.eye, &frame.world_from_room), drawn, &view.missing)
             })
             .collect();
         if let Some(estimating) = estimating {

@@ -98,7 +98,7 @@ impl<'a> Drawing<'a> {
     ) -> Result<Cost> {
         let start = Instant::now();
         let missing = VisibleSet::default();
-        let view = ViewInput { view: VIEW, projection: *projection, visible, missing: &missing, estimate: None, occluders: None };
+        let view = ViewInput::new(VIEW, *projection, visible, &missing);
         let input = FrameInput {
             views: &[],
             shared_eye: projection.eye,

@@ -46,8 +46,8 @@ impl Completion {
     pub fn begin(&mut self, frame: &Frame<'_>, traversal: &Traversal) {
         let tessellation = frame.tessellation;
         self.sight.set(&frame.sight, tessellation);
-        self.leaves.begin(tessellation);
         self.leaves.leave_out_as(traversal.left_out());
+        self.leaves.begin(tessellation);
         self.drawn.copy(traversal.drawn());
         self.marks.clear();
         self.marks.resize(tessellation.cells().len(), Mark::New);

@@ -39,11 +39,6 @@ impl<'a> Estimate<'a> {
     pub fn triangles(self, place: u32) -> impl Iterator<Item = u16> + 'a {
         self.drawn.triangles(self.tessellation, place)
     }
-
-    /// How many triangles it draws.
-    pub fn count(&self) -> u32 {
-        self.drawn.count()
-    }
 }
 
 /// See [`Estimate::shares`].

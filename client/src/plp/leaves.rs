@@ -38,16 +38,10 @@ impl Leaves {
         }
     }
 
-    pub fn leave_out(&mut self, tessellation: &Tessellation, place: u32, left_out: bool) {
-        self.left_out.resize(tessellation.leaves().len(), false);
-        self.left_out[place as usize] = left_out;
-    }
-
-    /// The same leaves as elsewhere are left out.
+    /// From the next frame on: by place, which leaves are left out; may be shorter.
     pub fn leave_out_as(&mut self, left_out: &[bool]) {
         self.left_out.clear();
         self.left_out.extend_from_slice(left_out);
-        self.left_out.resize(self.sights.len(), false);
     }
 
     /// By place: which leaves are no business of the tessellation's; may be shorter.

@@ -166,7 +166,7 @@ fn what_has_moved_is_left_out_until_it_is_back() {
     let frame = block.frame(size_m() * 0.4, &[]);
     let mut traversal = Traversal::new();
     for (left_out, expected) in [(false, true), (true, false), (false, true)] {
-        traversal.leave_out(&block.tessellation, 3, left_out);
+        traversal.leave_out(&[false, false, false, left_out]);
         traversal.begin(&frame, Solidity::Likelihood);
         traversal.project(&frame, u32::MAX);
         assert_eq!(traversal.drawn().leaves().any(|(place, _)| place == 3), expected);

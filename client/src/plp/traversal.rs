@@ -116,10 +116,10 @@ impl Traversal {
         Self::default()
     }
 
-    /// From the next frame on the leaf at a place in [`Tessellation::leaves`] is not drawn: its object has moved, and whoever draws draws it
-    /// apart; or is drawn again.
-    pub fn leave_out(&mut self, tessellation: &Tessellation, place: u32, left_out: bool) {
-        self.leaves.leave_out(tessellation, place, left_out);
+    /// From the next frame on these leaves, by place in [`Tessellation::leaves`], are not drawn: their objects have moved, and whoever draws
+    /// draws them apart. A list that is shorter leaves out none beyond.
+    pub fn leave_out(&mut self, left_out: &[bool]) {
+        self.leaves.leave_out_as(left_out);
     }
 
     /// Starts a frame: empties the front, and seeds it with the eye's cell or, from outside the hull, with the cells at faces that the eye

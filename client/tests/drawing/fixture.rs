@@ -338,7 +338,7 @@ pub fn draw_without(
     visible: &VisibleSet,
     (when_missing, missing): (WhenMissing, &VisibleSet),
 ) -> Picture {
-    let views = [ViewInput { view: ViewId(4), projection: look.projection(), visible, missing, estimate: None, occluders: None }];
+    let views = [ViewInput::new(ViewId(4), look.projection(), visible, missing)];
     let mut planner = Planner::new();
     let plan = planner
         .begin(FrameInput {

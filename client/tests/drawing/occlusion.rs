@@ -69,7 +69,7 @@ fn draw_with(
     (scene, look, visible, missing): (&Scene, &Look, &VisibleSet, &VisibleSet),
     change: impl FnOnce(&mut FramePlan),
 ) -> PassResult {
-    let views = [ViewInput { view: ViewId(4), projection: look.projection(), visible, missing, estimate: None, occluders: None }];
+    let views = [ViewInput::new(ViewId(4), look.projection(), visible, missing)];
     let mut plan = planner.begin(input(renderer, scene, look, &views, &|_| true)).clone();
     change(&mut plan);
     let results = renderer.draw(&plan).expect("drawn");
@@ -187,14 +187,7 @@ fn no_pixel_changes_where_no_depth_test_can_be_forced_to_come_first() {
 /// Draws a frame in which nothing moves; gives its leaves, and how many bounds were asked for.
 fn draw_still(planner: &mut Planner, renderer: &mut Renderer, (scene, look): (&Scene, &Look)) -> (u32, usize) {
     let (visible, missing) = (scene.all(), VisibleSet::default());
-    let views = [ViewInput {
-        view: ViewId(4),
-        projection: look.projection(),
-        visible: &visible,
-        missing: &missing,
-        estimate: None,
-        occluders: None,
-    }];
+    let views = [ViewInput::new(ViewId(4), look.projection(), &visible, &missing)];
     let mut input = input(renderer, scene, look, &views, &|_| true);
     input.has_changed = false;
     let (mut leaves, mut asked) = (0, 0);
@@ -370,14 +363,7 @@ fn a_gpu_that_cannot_test_boxes_draws_all() {
         assert_eq!((of_some.leaves, of_some.seen), (of_all.leaves, None));
         assert_same(&plain, &culled, "without tests");
     }
-    let views = [ViewInput {
-        view: ViewId(4),
-        projection: look.projection(),
-        visible: &all,
-        missing: &missing,
-        estimate: None,
-        occluders: None,
-    }];
+    let views = [ViewInput::new(ViewId(4), look.projection(), &all, &missing)];
     let plan = Planner::new().culling(Occlusion::Paper).begin(input(&culled, &scene, &look, &views, &|_| true)).clone();
     assert_eq!(culled.draw(&plan), Err(GpuError::NoCulling));
 }
@@ -420,14 +406,7 @@ fn a_frame_that_was_not_complete_leaves_no_trace() {
         for frame in 0..8 {
             // Its first round is planned, with much asked for, and never drawn.
             let look = walk(&mut numbers, frame, &mut at);
-            let views = [ViewInput {
-                view: ViewId(4),
-                projection: look.projection(),
-                visible: &visible,
-                missing: &missing,
-                estimate: None,
-                occluders: None,
-            }];
+            let views = [ViewInput::new(ViewId(4), look.projection(), &visible, &missing)];
             let asked = planner.begin(input(&culled, &scene, &look, &views, &|_| true)).passes[0].bounds.len();
             assert!(asked > 0, "{occlusion}, frame {frame}");
             let look = walk(&mut numbers, frame, &mut at);

@@ -27,14 +27,7 @@ fn renderer(gpu: &Arc<Gpu>, scene: &Scene) -> Renderer {
 fn draw(renderer: &mut Renderer, planner: &mut Planner, scene: &Scene, looks: &[Look; 3], sets: &[VisibleSet; 3]) -> u32 {
     let none = VisibleSet::default();
     let views: Vec<ViewInput<'_>> = (VIEWS.iter().zip(looks).zip(sets))
-        .map(|(((view, _), look), visible)| ViewInput {
-            view: *view,
-            projection: look.projection(),
-            visible,
-            missing: &none,
-            estimate: None,
-            occluders: None,
-        })
+        .map(|(((view, _), look), visible)| ViewInput::new(*view, look.projection(), visible, &none))
         .collect();
     let mut plan = planner
         .begin(FrameInput {
