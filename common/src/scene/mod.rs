@@ -6,6 +6,7 @@
 //!   └────→ material ──→ texture chunk
 //! ```
 
+mod arrays;
 mod chunk;
 mod chunk_data;
 mod growth;

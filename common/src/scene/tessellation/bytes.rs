@@ -11,6 +11,7 @@ use thiserror::Error;
 
 use super::{Cell, MAX_CELLS, Tessellation, TessellationParts};
 use crate::scene::SceneManifest;
+use crate::scene::arrays::{put, take};
 
 const MAGIC: u32 = u32::from_le_bytes(*b"MLP1");
 
@@ -89,10 +90,7 @@ impl Tessellation {
             bytemuck::cast_slice(&self.exposures),
             bytemuck::cast_slice(&self.facings),
         ];
-        for array in arrays {
-            bytes.extend_from_slice(array);
-            bytes.resize(bytes.len().next_multiple_of(4), 0);
-        }
+        arrays.iter().for_each(|array| put(&mut bytes, array));
         bytes
     }
 
@@ -126,12 +124,4 @@ impl Tessellation {
         };
         Self::new(parts, scene)
     }
-}
-
-/// Splits `count` elements and what pads them off the front of `rest`, which the caller has checked to be long enough.
-fn take<T: Pod>(rest: &mut &[u8], count: u32) -> Vec<T> {
-    let length = count as usize * size_of::<T>();
-    let (head, tail) = rest.split_at(length.next_multiple_of(4));
-    *rest = tail;
-    bytemuck::pod_collect_to_vec(&head[..length])
 }

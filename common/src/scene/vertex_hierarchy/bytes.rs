@@ -14,6 +14,7 @@ use thiserror::Error;
 
 use super::{BaseMesh, MAX_BLOCK_VERTICES, MAX_PARTS, Split, VertexAttributes, VertexData, VertexHierarchy};
 use crate::scene::MaterialId;
+use crate::scene::arrays::{put, take};
 
 const BASE_MAGIC: u32 = u32::from_le_bytes(*b"MLV1");
 const BLOCK_MAGIC: u32 = u32::from_le_bytes(*b"MLVB");
@@ -104,7 +105,7 @@ impl Layout {
             bytemuck::cast_slice(&vertices.colors),
             &vertices.parts,
         ];
-        arrays.into_iter().for_each(|array| push_padded(bytes, array));
+        arrays.into_iter().for_each(|array| put(bytes, array));
     }
 
     fn take(self, rest: &mut &[u8], vertices: u32) -> VertexData {
@@ -136,8 +137,8 @@ impl BaseMesh {
         };
         let mut bytes = bytemuck::bytes_of(&header).to_vec();
         Layout::of(self).write(&self.vertices, &mut bytes);
-        push_padded(&mut bytes, bytemuck::cast_slice(&self.triangles));
-        push_padded(&mut bytes, bytemuck::cast_slice(&self.materials));
+        put(&mut bytes, bytemuck::cast_slice(&self.triangles));
+        put(&mut bytes, bytemuck::cast_slice(&self.materials));
         bytes
     }
 }
@@ -155,8 +156,8 @@ impl BlockParts {
         // Whatever is empty is not there.
         let layout = Layout { attributes: VertexAttributes { uvs: true, colors: true }, has_parts: true };
         layout.write(&self.vertices, &mut bytes);
-        push_padded(&mut bytes, bytemuck::cast_slice(&self.splits));
-        push_padded(&mut bytes, bytemuck::cast_slice(&self.links));
+        put(&mut bytes, bytemuck::cast_slice(&self.splits));
+        put(&mut bytes, bytemuck::cast_slice(&self.links));
         bytes
     }
 }
@@ -231,11 +232,6 @@ fn padded(bytes: u64) -> u64 {
     bytes.next_multiple_of(4)
 }
 
-fn push_padded(bytes: &mut Vec<u8>, array: &[u8]) {
-    bytes.extend_from_slice(array);
-    bytes.resize(bytes.len().next_multiple_of(4), 0);
-}
-
 fn split_header<T: Pod>(bytes: &[u8]) -> Result<(T, &[u8]), VertexHierarchyError> {
     match bytes.split_at_checked(size_of::<T>()) {
         Some((header, rest)) => Ok((bytemuck::pod_read_unaligned(header), rest)),
@@ -245,12 +241,4 @@ fn split_header<T: Pod>(bytes: &[u8]) -> Result<(T, &[u8]), VertexHierarchyError
 
 fn check_length(bytes: &[u8], expected: u64) -> Result<(), VertexHierarchyError> {
     if bytes.len() as u64 == expected { Ok(()) } else { Err(VertexHierarchyError::Length { found: bytes.len(), expected }) }
-}
-
-/// Splits `count` elements and what pads them off the front of `rest`, which the caller has checked to be long enough.
-fn take<T: Pod>(rest: &mut &[u8], count: u32) -> Vec<T> {
-    let length = count as usize * size_of::<T>();
-    let (head, tail) = rest.split_at(length.next_multiple_of(4));
-    *rest = tail;
-    bytemuck::pod_collect_to_vec(&head[..length])
 }
