@@ -7,7 +7,7 @@ use mullion_client::frame::{FrameInput, PassPlan, PassResult, Planner, ViewInput
 use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
 use mullion_client::missing::WhenMissing;
 use mullion_client::plp::Estimate;
-use mullion_common::scene::{ChunkId, Package};
+use mullion_common::scene::{ChunkId, ObjectId, Package};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId};
 
@@ -78,6 +78,8 @@ pub struct Hints<'a> {
     pub estimate: Option<Estimate<'a>>,
     /// What is drawn first, with occlusion culling.
     pub occluders: Option<&'a VisibleSet>,
+    /// Objects that are drawn by their cuts, ascending.
+    pub cuts: &'a [ObjectId],
 }
 
 /// The same with hints.
@@ -89,10 +91,10 @@ pub fn draw_with(
     planner: &mut Planner,
     package: &Package,
     (target, projection, visible): (ViewId, Projection, &VisibleSet),
-    Hints { estimate, occluders }: Hints<'_>,
+    Hints { estimate, occluders, cuts }: Hints<'_>,
 ) -> Result<Drawn> {
     let missing = VisibleSet::default();
-    let views = [ViewInput { view: target, projection, visible, missing: &missing, estimate, occluders }];
+    let views = [ViewInput { view: target, projection, visible, missing: &missing, estimate, occluders, cuts }];
     let mut drawn = Drawn::default();
     let mut round = Some(planner.begin(FrameInput {
         views: &views,

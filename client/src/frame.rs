@@ -8,7 +8,7 @@ mod completer;
 
 use glam::DVec3;
 use mullion_common::geometry::Aabb;
-use mullion_common::scene::{AlphaMode, ChunkId, LeafRecord, SceneManifest, Transform};
+use mullion_common::scene::{AlphaMode, ChunkId, LeafRecord, ObjectId, SceneManifest, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId};
 
@@ -54,12 +54,14 @@ pub struct ViewInput<'a> {
     /// With [`Occlusion::Hiz`]: leaves to be drawn at once beside those that were seen last, and before any is known instead of all. The
     /// picture is the same.
     pub occluders: Option<&'a VisibleSet>,
+    /// Objects that are drawn by their cuts, ascending. `visible` has none of their leaves.
+    pub cuts: &'a [ObjectId],
 }
 
 impl<'a> ViewInput<'a> {
     /// A view of which all that it sees is drawn.
     pub fn new(view: ViewId, projection: Projection, visible: &'a VisibleSet, missing: &'a VisibleSet) -> Self {
-        Self { view, projection, visible, missing, estimate: None, occluders: None }
+        Self { view, projection, visible, missing, estimate: None, occluders: None, cuts: &[] }
     }
 }
 
@@ -94,6 +96,8 @@ pub struct PassPlan {
     pub footprints: Vec<Footprint>,
     /// How boxes are tested, with occlusion culling.
     pub test: BoxTest,
+    /// Objects that are drawn by their cuts, before all else and whatever hides them. Their leaves are in none of the other lists. Ascending.
+    pub cuts: Vec<ObjectId>,
     /// Blended leaves, drawn in this order: back to front, ties by leaf.
     pub blended: Vec<u32>,
     /// Leaves drawn as boxes, whatever their material: opaque, after all that is opaque and before all that is blended. Ascending.
@@ -245,6 +249,8 @@ impl Planner {
         pass.bounds.clear();
         pass.look_for.clear();
         pass.footprints.clear();
+        pass.cuts.clear();
+        pass.cuts.extend_from_slice(view.cuts);
         pass.blended.clear();
         pass.boxes.clear();
         self.keyed.clear();
@@ -302,6 +308,7 @@ impl PassPlan {
             look_for: VisibleSet::default(),
             footprints: Vec::new(),
             test: BoxTest::Drawn,
+            cuts: Vec::new(),
             blended: Vec::new(),
             boxes: Vec::new(),
             missing: 0,

@@ -1,7 +1,6 @@
 //! How good estimates are: drawn to budgets, and held against the exact visible set.
 
 mod drawing;
-mod item_buffer;
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +11,8 @@ use mullion_common::scene::{Package, Tessellation};
 use mullion_common::wall::{Projection, ViewId, Wall};
 
 pub use drawing::Drawing;
-use item_buffer::{ItemBuffer, ItemScene, NOTHING};
+
+use crate::item_buffer::{ItemBuffer, ItemScene, NOTHING};
 
 /// What an estimate is compared by to the one before, 0.1 degrees away.
 const TURN_DEGREES: f64 = 0.1;

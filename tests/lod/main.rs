@@ -6,9 +6,10 @@ mod meshes;
 mod surface;
 
 use glam::{DAffine3, DVec3};
-use mullion_client::lod::{Cut, LodObject, LodOptions, LodSight, Occlusion, Progress, Refinement, Start, StepLimit, Visibility};
+use mullion_client::lod::{BoundsKind, Cut, DepthOccluder, Hidden, LodObject, LodOptions, LodSight, Occluder, Refinement};
 use mullion_common::geometry::Plane;
 use mullion_common::scene::{VertexHierarchy, VertexId};
+use mullion_common::wall::Projection;
 use mullion_server::generate::Random;
 
 use meshes::Mesh;
@@ -100,28 +101,28 @@ fn seen_from_all_sides(hierarchy: &VertexHierarchy) -> LodObject<'_> {
     LodObject { hierarchy, world_from_local: DAffine3::IDENTITY, is_double_sided: true }
 }
 
-/// Answers all questions until refinement rests or is done.
-fn refine(
-    refinement: &mut Refinement,
-    objects: &[LodObject<'_>],
-    limit: StepLimit,
-    mut visibility: impl FnMut(&mullion_client::lod::Question) -> Visibility,
-) -> Progress {
-    let mut answers = Vec::new();
-    loop {
-        let progress = refinement.refine(objects, limit);
-        answers.extend(refinement.questions().map(|question| visibility(&question)));
-        if progress != Progress::Waits {
-            // Nobody waits for these, and they come all the same.
-            answers.drain(..).for_each(|answer| refinement.answer(objects, answer));
-            return progress;
-        }
-        assert!(!answers.is_empty(), "it waits for nothing");
-        // Answers come late, and not all at once.
-        let count = answers.len().div_ceil(2);
-        answers.drain(..count).for_each(|answer| refinement.answer(objects, answer));
+/// Answers by a rule, and counts how often it was drawn.
+struct Told<F> {
+    rule: F,
+    drawn: usize,
+}
+
+impl<F: FnMut(&VertexHierarchy, VertexId) -> Hidden> Occluder for Told<F> {
+    fn draw(&mut self, objects: &[LodObject<'_>], cuts: &[Cut]) {
+        assert_eq!(objects.len(), cuts.len());
+        self.drawn += 1;
+    }
+
+    fn hides(&mut self, _object: usize, hierarchy: &VertexHierarchy, lead: VertexId) -> Hidden {
+        (self.rule)(hierarchy, lead)
     }
 }
+
+fn told<F: FnMut(&VertexHierarchy, VertexId) -> Hidden>(rule: F) -> Told<F> {
+    Told { rule, drawn: 0 }
+}
+
+const SOON: [u32; 4] = [30, 60, u32::MAX, u32::MAX];
 
 #[test]
 fn random_answers_give_surfaces_within_the_budget() {
@@ -137,24 +138,42 @@ fn random_answers_give_surfaces_within_the_budget() {
             let sight = LodSight { planes: &planes, ..looking(eye) };
             let objects = [LodObject { hierarchy, world_from_local: DAffine3::IDENTITY, is_double_sided: random.chance(0.3) }];
             let budget = hierarchy.base().triangles.len() as u32 + random.below(hierarchy.triangle_count() as usize) as u32;
-            let options = LodOptions { budget, least_pixels: random.range(0.0, 4.0), most_asked: 1 + random.below(40) as u32 };
-            let start = if random.chance(0.5) { Start::Base } else { Start::Last };
+            let least_pixels = random.range(0.0, 4.0);
+            let options = LodOptions { budget, least_pixels, occluders: SOON, odd_levels: random.chance(0.5) };
             let seen = random.unit();
-            refinement.begin(&objects, &sight, &options, start);
-            let mut answer = {
-                let mut random = random.fork();
-                move |_: &_| if random.chance(seen) { Visibility::Visible } else { Visibility::Occluded }
-            };
-            refine(&mut refinement, &objects, StepLimit::Total(30), &mut answer);
-            for steps in [60, u32::MAX] {
-                refinement.set_occlusion(&objects, Occlusion::On);
-                refine(&mut refinement, &objects, StepLimit::Total(steps), &mut answer);
-            }
+            let mut random = random.fork();
+            let mut occluder = told(|_, _| match random.unit() {
+                unit if unit < seen => Hidden::Nothing,
+                _ if random.chance(0.5) => Hidden::Split,
+                _ => Hidden::Node,
+            });
+            refinement.refine(&objects, &sight, &options, Some(&mut occluder));
             assert!(refinement.triangle_count() <= budget, "{name}, frame {frame}: above the budget");
             assert_eq!(refinement.triangle_count(), refinement.cuts()[0].triangle_count());
             whole.assert_is_coarser(hierarchy, &refinement.cuts()[0], &format!("{name}, frame {frame}"));
         }
     }
+}
+
+/// Nodes of a wall that joined at different times draw the same.
+#[test]
+fn what_was_found_before_changes_nothing() {
+    let [a, b] = [meshes::torus(60, 40), meshes::hills(50, 40)];
+    let objects = [seen_from_all_sides(&a.hierarchy), seen_from_all_sides(&b.hierarchy)];
+    let mut since_long = Refinement::new();
+    let mut occluder = told(|_, lead| if lead.0 % 5 == 0 { Hidden::Split } else { Hidden::Nothing });
+    for frame in 0..20 {
+        let sight = looking(DVec3::new(5.0 - f64::from(frame) * 0.3, 3.0, 9.0 - f64::from(frame % 7)));
+        let options = LodOptions { budget: 1500 + 100 * (frame % 4), occluders: SOON, ..LodOptions::default() };
+        since_long.refine(&objects, &sight, &options, Some(&mut occluder));
+        let mut fresh = Refinement::new();
+        fresh.refine(&objects, &sight, &options, Some(&mut occluder));
+        for ((object, old), new) in objects.iter().zip(since_long.cuts()).zip(fresh.cuts()) {
+            assert_eq!(sorted(old, object.hierarchy), sorted(new, object.hierarchy), "frame {frame}");
+        }
+        assert_eq!(since_long.steps(), fresh.steps());
+    }
+    assert_eq!(occluder.drawn, 80, "two occluders in each of forty refinements");
 }
 
 #[test]
@@ -164,24 +183,19 @@ fn a_budget_is_used_and_never_exceeded() {
     let base: usize = objects.iter().map(|object| object.hierarchy.base().triangles.len()).sum();
     let all: u32 = objects.iter().map(|object| object.hierarchy.triangle_count()).sum();
     let mut refinement = Refinement::new();
-    for start in [Start::Base, Start::Last] {
-        for budget in (base as u32..all + 300).step_by(97) {
-            let options = LodOptions { budget, ..LodOptions::default() };
-            refinement.begin(&objects, &looking(DVec3::new(9.0, 2.0, 5.0)), &options, start);
-            assert_eq!(refine(&mut refinement, &objects, StepLimit::None, |_| Visibility::Visible), Progress::Done);
-            let drawn: usize =
-                objects.iter().zip(refinement.cuts()).map(|(object, cut)| cut.triangles(object.hierarchy).count()).sum();
-            assert_eq!(drawn, refinement.triangle_count() as usize);
-            assert!(drawn <= budget as usize, "{drawn} of {budget}");
-            let least = budget.min(all) as usize;
-            assert!(drawn * 100 >= least * 99 || drawn + 1 >= least, "{start:?}: {drawn} of {least}");
-        }
-    }
+    let mut check = |budget: u32| {
+        let options = LodOptions { budget, ..LodOptions::default() };
+        refinement.refine(&objects, &looking(DVec3::new(9.0, 2.0, 5.0)), &options, None);
+        let drawn: usize =
+            objects.iter().zip(refinement.cuts()).map(|(object, cut)| cut.triangles(object.hierarchy).count()).sum();
+        assert_eq!(drawn, refinement.triangle_count() as usize);
+        assert!(drawn <= budget as usize, "{drawn} of {budget}");
+        let least = budget.min(all) as usize;
+        assert!(drawn * 100 >= least * 99 || drawn + 1 >= least, "{drawn} of {least}");
+    };
+    (base as u32..all + 300).step_by(97).for_each(&mut check);
     // A smaller one than the last.
-    let options = LodOptions { budget: base as u32 + 100, ..LodOptions::default() };
-    refinement.begin(&objects, &looking(DVec3::new(9.0, 2.0, 5.0)), &options, Start::Last);
-    refine(&mut refinement, &objects, StepLimit::None, |_| Visibility::Visible);
-    assert!(refinement.triangle_count() <= base as u32 + 100);
+    check(base as u32 + 100);
 }
 
 /// What lies below the plane y = 0 is hidden: triangles go above it.
@@ -189,55 +203,26 @@ fn a_budget_is_used_and_never_exceeded() {
 fn hidden_parts_stay_coarse() {
     let mesh = meshes::sphere(40);
     let objects = [seen_from_all_sides(&mesh.hierarchy)];
-    let options = LodOptions { budget: 1200, ..LodOptions::default() };
+    let options = LodOptions { budget: 1200, occluders: [50, 300, u32::MAX, u32::MAX], ..LodOptions::default() };
     let above = |refinement: &Refinement| {
         let hierarchy = objects[0].hierarchy;
         let is_above = |t: &[VertexId; 3]| t.iter().any(|v| hierarchy.position(*v).y > 0.0);
         refinement.cuts()[0].triangles(hierarchy).filter(is_above).count() as f32 / refinement.triangle_count() as f32
     };
-    let visibility = |question: &mullion_client::lod::Question| {
-        let top = question.bounds.center.y + question.bounds.extent.half_box.y;
-        if top > 0.0 { Visibility::Visible } else { Visibility::Occluded }
-    };
+    let sight = looking(DVec3::new(0.0, 0.0, 50.0));
     let mut refinement = Refinement::new();
-    refinement.begin(&objects, &looking(DVec3::new(0.0, 0.0, 50.0)), &options, Start::Base);
-    refine(&mut refinement, &objects, StepLimit::None, visibility);
+    refinement.refine(&objects, &sight, &options, None);
     let without = above(&refinement);
     assert_eq!(refinement.question_count(), 0);
-    refinement.begin(&objects, &looking(DVec3::new(0.0, 0.0, 50.0)), &options, Start::Base);
-    assert_eq!(refine(&mut refinement, &objects, StepLimit::Total(50), visibility), Progress::Rests);
-    refinement.set_occlusion(&objects, Occlusion::On);
-    refine(&mut refinement, &objects, StepLimit::None, visibility);
-    let (with, questions) = (above(&refinement), refinement.question_count());
-    assert!(without < 0.6 && with > 0.68, "{without} of the triangles without questions, {with} with {questions}");
-    assert!(questions > 50 && questions < refinement.steps() * 2, "{questions} for {} steps", refinement.steps());
-
-    // The next frames keep what is known: few questions, and nothing worse.
-    let mut asked = 0;
-    for frame in 0..8 {
-        let eye = DVec3::new(f64::from(frame) * 0.01, 0.0, 50.0);
-        refinement.begin(&objects, &looking(eye), &options, Start::Last);
-        refinement.set_occlusion(&objects, Occlusion::On);
-        refine(&mut refinement, &objects, StepLimit::None, visibility);
-        asked += refinement.question_count();
-    }
-    assert!(above(&refinement) > 0.68, "{}", above(&refinement));
-    assert!(asked / 8 < questions / 3, "{asked} questions in 8 frames, {questions} in the first");
-}
-
-#[test]
-fn a_resting_camera_changes_nothing() {
-    let mesh = meshes::torus(60, 40);
-    let objects = [seen_from_all_sides(&mesh.hierarchy)];
-    let options = LodOptions { budget: 1500, ..LodOptions::default() };
-    let mut refinement = Refinement::new();
-    let mut last = Vec::new();
-    for frame in 0..6 {
-        refinement.begin(&objects, &looking(DVec3::new(5.0, 3.0, 9.0)), &options, Start::Last);
-        refine(&mut refinement, &objects, StepLimit::None, |_| Visibility::Visible);
-        let now = sorted(&refinement.cuts()[0], objects[0].hierarchy);
-        assert!(frame < 2 || now == last, "frame {frame}");
-        last = now;
+    let mut occluder = told(|hierarchy, lead| {
+        let bounds = hierarchy.bounds(lead);
+        if bounds.center.y + bounds.extent.half_box.y > 0.0 { Hidden::Nothing } else { Hidden::Node }
+    });
+    for odd_levels in [false, true] {
+        refinement.refine(&objects, &sight, &LodOptions { odd_levels, ..options }, Some(&mut occluder));
+        let (with, questions) = (above(&refinement), refinement.question_count());
+        assert!(without < 0.6 && with > 0.68, "{without} of the triangles without questions, {with} with {questions}");
+        assert!(questions > 50 && questions < refinement.steps() * 2, "{questions} for {} steps", refinement.steps());
     }
 }
 
@@ -257,8 +242,7 @@ fn a_hierarchy_that_has_not_arrived_is_drawn_as_far_as_it_is_there() {
         }
         let hierarchy = growing.as_ref().expect("it has begun");
         let objects = [seen_from_all_sides(hierarchy)];
-        refinement.begin(&objects, &looking(DVec3::new(5.0, 3.0, 9.0)), &options, Start::Last);
-        refine(&mut refinement, &objects, StepLimit::None, |_| Visibility::Visible);
+        refinement.refine(&objects, &looking(DVec3::new(5.0, 3.0, 9.0)), &options, None);
         assert_eq!(refinement.triangle_count(), hierarchy.triangle_count());
         assert!(refinement.triangle_count() > last);
         last = refinement.triangle_count();
@@ -272,25 +256,17 @@ fn a_hierarchy_that_has_not_arrived_is_drawn_as_far_as_it_is_there() {
 fn frames_take_no_memory() {
     let [a, b] = [meshes::torus(60, 40), meshes::hills(50, 40)];
     let objects = [seen_from_all_sides(&a.hierarchy), seen_from_all_sides(&b.hierarchy)];
-    let options = LodOptions { budget: 1800, most_asked: 32, ..LodOptions::default() };
+    let options = LodOptions { budget: 1800, occluders: SOON, ..LodOptions::default() };
+    let corners = [DVec3::new(-1.0, -1.0, -1.0), DVec3::new(1.0, -1.0, -1.0), DVec3::new(-1.0, 1.0, -1.0)];
+    let mut occluder = DepthOccluder::new([64, 64], BoundsKind::Link);
     let mut refinement = Refinement::new();
-    let mut frame = |number: u32, start: Start| {
+    let mut frame = |number: u32| {
         let eye = DVec3::new(5.0 + f64::from(number % 4), 3.0, 9.0);
-        refinement.begin(&objects, &looking(eye), &options, start);
-        refinement.refine(&objects, StepLimit::Total(100));
-        for _ in 0..2 {
-            refinement.set_occlusion(&objects, Occlusion::On);
-            while refinement.refine(&objects, StepLimit::None) == Progress::Waits {
-                let count = refinement.questions().len();
-                for k in 0..count {
-                    refinement.answer(&objects, if k % 3 == 0 { Visibility::Occluded } else { Visibility::Visible });
-                }
-            }
-        }
+        let world_from_room = DAffine3::from_translation(eye);
+        occluder.look(&Projection::through_rectangle(DVec3::ZERO, corners, 0.1, &world_from_room));
+        refinement.refine(&objects, &looking(eye), &options, Some(&mut occluder));
     };
-    for start in [Start::Base, Start::Last] {
-        (0..24).for_each(|number| frame(number, start));
-        let counted = allocation_counter::measure(|| (0..8).for_each(|number| frame(number, start)));
-        assert_eq!(counted.count_total, 0, "{start:?}");
-    }
+    (0..24).for_each(&mut frame);
+    let counted = allocation_counter::measure(|| (0..8).for_each(&mut frame));
+    assert_eq!(counted.count_total, 0);
 }

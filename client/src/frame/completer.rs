@@ -50,6 +50,7 @@ impl Completer {
         pass.round += 1;
         pass.opaque.clear();
         pass.parts.clear();
+        pass.cuts.clear();
         pass.boxes.clear();
         for (place, own) in self.completion.added() {
             let leaf = frame.tessellation.leaves()[place as usize];

@@ -151,6 +151,7 @@ impl Renderer {
         pass.opaque.difference_into(first, &mut late);
         self.list.clear();
         self.pass += 1;
+        self.list_cuts(pass);
         self.list_leaves(pass, first.leaves(), Turn::First);
         self.list.next_turn();
         let begin = (self.list.arguments.len() as u32, self.list.batches.len());
@@ -161,8 +162,8 @@ impl Renderer {
         begin
     }
 
-    /// The boxes of all that is listed, or that waits; draws that wait for what comes of theirs are held back. Boxes in the place of leaves are drawn
-    /// whatever hides them.
+    /// The boxes of all that is listed, or that waits; draws that wait for what comes of theirs are held back. What is in the place of
+    /// leaves is drawn whatever hides it.
     fn list_boxes_to_test(&mut self, at: usize, pass: &PassPlan, late_draws: u32) -> Vec<TestBox> {
         let target = &mut self.targets[at];
         let grower = Grower::new(&pass.projection, target.size_px);
@@ -174,7 +175,7 @@ impl Renderer {
         let mut scale: Option<(u32, LocalScale)> = None;
         let draws = (0..).zip(self.list.instances.iter().zip(&mut self.list.arguments));
         for (draw, (instance, arguments)) in draws {
-            if self.list.stand_ins.contains(&draw) {
+            if draw < self.list.cut_draws || self.list.stand_ins.contains(&draw) {
                 first.tested.push(None);
                 continue;
             }

@@ -38,9 +38,20 @@ const _: () = assert!(size_of::<DrawArguments>() == 20);
 pub(super) struct State {
     pub pipeline: PipelineKey,
     pub texture: u32,
+    /// Of its vertices. Without meaning for cuts.
     pub page: u32,
-    /// Whether indices are those of parts, not the page's.
-    pub is_part: bool,
+    pub indices: Indices,
+}
+
+/// Where a draw's indices are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Indices {
+    /// In the page of its vertices.
+    Page,
+    /// Among those of leaves that are not drawn whole; vertices are the page's.
+    Parts,
+    /// Beside the vertices of cuts; 32 bits each.
+    Cuts,
 }
 
 /// Draws `start..end` of one state.
@@ -62,6 +73,8 @@ pub(super) struct DrawList {
     /// Indices of leaves that are not drawn whole, leaf by leaf.
     pub part_indices: Vec<u16>,
     pub triangles: u64,
+    /// The first draws, that are cuts in the place of objects.
+    pub cut_draws: u32,
     /// Draws that are boxes in the place of leaves.
     pub stand_ins: Range<u32>,
     /// Draws from here on share no batch with those before.
@@ -76,6 +89,7 @@ impl DrawList {
         self.batches.clear();
         self.part_indices.clear();
         self.triangles = 0;
+        self.cut_draws = 0;
         self.stand_ins = 0..0;
         self.turn_start = 0;
     }

@@ -5,6 +5,7 @@
 //!                        ├ arena      geometry of resident chunks, in a few large buffers
 //!                        ├ textures   decoded images with their mipmaps
 //!                        ├ pipelines  one for each way that a leaf can be drawn
+//!                        ├ cuts       simplified meshes
 //!                        ├ draws      a pass as records, instances and batches
 //!                        ├ occlusion  which of them are hidden
 //!                        └ unit       how much of boxes is seen
@@ -13,6 +14,7 @@
 mod arena;
 mod bindings;
 mod culled;
+mod cuts;
 mod device;
 mod draws;
 mod glance;
@@ -31,6 +33,7 @@ mod timer;
 mod unit;
 mod upload;
 
+pub use cuts::CutObject;
 pub use device::{DisplayHandle, Gpu, GpuError, GpuOptions, Optional};
 pub use present::{PresentError, Presenter, TileRect};
 pub use renderer::{Renderer, ViewTarget};

@@ -79,6 +79,16 @@ impl PipelineKey {
     }
 }
 
+impl Sides {
+    pub fn of(double_sided: bool, mirrored: bool) -> Self {
+        match (double_sided, mirrored) {
+            (true, _) => Self::Both,
+            (false, false) => Self::Front,
+            (false, true) => Self::FrontMirrored,
+        }
+    }
+}
+
 impl Coverage {
     pub fn of(material: &Material) -> Self {
         match material.alpha {

@@ -10,8 +10,9 @@ use mullion_common::wall::ViewId;
 
 use super::arena::{Arena, Slot};
 use super::culled::Culling;
+use super::cuts::Cuts;
 use super::device::{Gpu, GpuError};
-use super::draws::{DrawBuffers, DrawList, State};
+use super::draws::{DrawBuffers, DrawList, Indices, State};
 use super::pipelines::{Coverage, PipelineKey, Pipelines, Sides, Surface, Turn};
 use super::targets::{Attachments, CLEAR_COLOR, Shown, Target};
 use super::timer::Pass;
@@ -43,6 +44,7 @@ pub struct Renderer {
     geometry: Vec<Option<Slot>>,
     /// The indices of that geometry, where parts of leaves are drawn.
     indices: Option<Vec<Box<[u16]>>>,
+    pub(super) cuts: Cuts,
     /// What boxes are drawn with.
     cube: Slot,
     pub(super) materials: Materials,
@@ -72,6 +74,7 @@ impl Renderer {
         let targets = views.iter().map(|v| Target::new(&gpu, v.view, v.size_px, attachments)).collect::<Result<_, _>>()?;
         let materials = Materials::new(&gpu, &manifest, &pipelines.texture_layout);
         let buffers = DrawBuffers::new(&gpu);
+        let cuts = Cuts::new(&gpu);
         let mut arena = Arena::new();
         let cube = upload::unit_cube(&gpu, &mut arena)?;
         gpu.check()?;
@@ -83,6 +86,7 @@ impl Renderer {
             cube,
             geometry: vec![None; manifest.chunks.len()],
             indices: None,
+            cuts,
             materials,
             pipelines,
             list: DrawList::default(),
@@ -266,7 +270,7 @@ impl Renderer {
     pub(super) fn result(&self, pass: &PassPlan) -> PassResult {
         PassResult {
             view: pass.view,
-            leaves: (self.list.arguments.len() - self.list.stand_ins.len()) as u32,
+            leaves: self.list.arguments.len() as u32 - self.list.cut_draws - self.list.stand_ins.len() as u32,
             boxes: self.list.stand_ins.len() as u32,
             triangles: self.list.triangles,
             hidden_triangles: 0,
@@ -283,6 +287,7 @@ impl Renderer {
     fn list_draws(&mut self, pass: &PassPlan) {
         self.list.clear();
         self.pass += 1;
+        self.list_cuts(pass);
         self.list_leaves(pass, pass.opaque.leaves(), Turn::First);
         self.list_boxes(pass);
         self.list_leaves(pass, pass.blended.iter().copied(), Turn::First);
@@ -299,7 +304,7 @@ impl Renderer {
             self.list.records.push(pass.projection.clip_from_local(&world_from_box).to_cols_array());
             let sides = if self.mirrored[object] { Sides::FrontMirrored } else { Sides::Front };
             let pipeline = PipelineKey::new(Coverage::Opaque, Surface::Plain, sides);
-            let state = State { pipeline, texture: Materials::NO_TEXTURE, page: self.cube.page, is_part: false };
+            let state = State { pipeline, texture: Materials::NO_TEXTURE, page: self.cube.page, indices: Indices::Page };
             let instance = self.materials.states[leaf.material.0 as usize].instance(record, number);
             self.list.push(state, instance, (self.cube.first_index, self.cube.index_count), self.cube.first_vertex);
         }
@@ -308,31 +313,34 @@ impl Renderer {
 
     pub(super) fn list_leaves(&mut self, pass: &PassPlan, leaves: impl Iterator<Item = u32>, turn: Turn) {
         for leaf in leaves {
-            let Some(record) = self.manifest.leaves.get(leaf as usize) else { continue };
+            let Some(record) = self.manifest.leaves.get(leaf as usize).copied() else { continue };
             let Some(slot) = self.geometry[record.chunk.0 as usize] else { continue };
             if slot.index_count == 0 {
                 continue;
             }
-            let object = record.object.0 as usize;
-            if self.recorded[object].0 != self.pass {
-                self.recorded[object] = (self.pass, self.list.records.len() as u32);
-                let clip_from_local = pass.projection.clip_from_local(&self.transforms[object].affine());
-                self.list.records.push(clip_from_local.to_cols_array());
-            }
+            let of_object = self.record(pass, record.object);
             let material = self.materials.states[record.material.0 as usize];
-            let sides = match (material.double_sided, self.mirrored[object]) {
-                (true, _) => Sides::Both,
-                (false, false) => Sides::Front,
-                (false, true) => Sides::FrontMirrored,
-            };
+            let sides = Sides::of(material.double_sided, self.mirrored[record.object.0 as usize]);
             let pipeline = PipelineKey::new(material.coverage, material.surface(), sides).in_turn(turn);
             let part = if pass.parts.is_empty() { None } else { pass.parts.of(leaf) };
             let kept = self.indices.as_ref().map(|indices| &indices[record.chunk.0 as usize][..]).filter(|kept| !kept.is_empty());
             let part = part.zip(kept).map(|(triangles, indices)| self.list.part_of(indices, triangles));
-            let state = State { pipeline, texture: material.texture, page: slot.page, is_part: part.is_some() };
-            let instance = material.instance(self.recorded[object].1, leaf);
+            let indices = if part.is_some() { Indices::Parts } else { Indices::Page };
+            let state = State { pipeline, texture: material.texture, page: slot.page, indices };
+            let instance = material.instance(of_object, leaf);
             self.list.push(state, instance, part.unwrap_or((slot.first_index, slot.index_count)), slot.first_vertex);
         }
+    }
+
+    /// The record of an object in this pass.
+    pub(super) fn record(&mut self, pass: &PassPlan, object: ObjectId) -> u32 {
+        let at = object.0 as usize;
+        if self.recorded[at].0 != self.pass {
+            self.recorded[at] = (self.pass, self.list.records.len() as u32);
+            let clip_from_local = pass.projection.clip_from_local(&self.transforms[at].affine());
+            self.list.records.push(clip_from_local.to_cols_array());
+        }
+        self.recorded[at].1
     }
 
     /// Draws some of what is listed. `measured`: as which pass of a target that is culled; none of one that is not.
@@ -380,13 +388,15 @@ impl Renderer {
             if bound.is_none_or(|b| b.texture != state.texture) {
                 pass.set_bind_group(1, &self.materials.bindings[state.texture as usize], &[]);
             }
-            let page = self.arena.page(state.page);
-            if bound.is_none_or(|b| b.page != state.page) {
-                pass.set_vertex_buffer(0, page.vertices.slice(..));
-            }
-            if bound.is_none_or(|b| (b.page, b.is_part) != (state.page, state.is_part)) {
-                let indices = if state.is_part { &self.buffers.part_indices.buffer } else { &page.indices };
-                pass.set_index_buffer(indices.slice(..), wgpu::IndexFormat::Uint16);
+            if bound.is_none_or(|b| (b.page, b.indices) != (state.page, state.indices)) {
+                let page = self.arena.page(state.page);
+                let (vertices, indices, format) = match state.indices {
+                    Indices::Page => (&page.vertices, &page.indices, wgpu::IndexFormat::Uint16),
+                    Indices::Parts => (&page.vertices, &self.buffers.part_indices.buffer, wgpu::IndexFormat::Uint16),
+                    Indices::Cuts => (&self.cuts.vertices.buffer, &self.cuts.indices.buffer, wgpu::IndexFormat::Uint32),
+                };
+                pass.set_vertex_buffer(0, vertices.slice(..));
+                pass.set_index_buffer(indices.slice(..), format);
             }
             bound = Some(state);
             if self.gpu.indirect {

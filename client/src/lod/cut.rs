@@ -10,29 +10,8 @@ pub(super) struct Slot {
     pub vertex: VertexId,
     /// Which of the triangles that it made are there: a bit each. Nothing for vertices of the base.
     triangles: u32,
-    /// Splits that were made, or are about to be, and need it.
+    /// Splits that were made and need it.
     needed: u32,
-    pub node: NodeState,
-    /// Whether the node that it came from was asked and found visible: then its own need not be asked.
-    pub is_seen: bool,
-    /// Whether its own split is known to be hidden.
-    pub is_hidden: bool,
-    /// The coarsest child that is not there: what this vertex would split into next.
-    pub next: Option<VertexId>,
-}
-
-/// What is known of the node that a vertex is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum NodeState {
-    /// Nothing.
-    #[default]
-    Unknown,
-    /// It was asked and is not answered.
-    Asked,
-    /// It is behind what was drawn.
-    Occluded,
-    /// It is not, or need not be asked.
-    Visible,
 }
 
 /// An active cut of one hierarchy: a set of splits, each with all that it needs. Starts as the base.
@@ -44,6 +23,8 @@ pub struct Cut {
     base_triangles: Vec<u64>,
     base_count: u32,
     triangle_count: u32,
+    /// What is split or taken back next.
+    changes: Vec<VertexId>,
 }
 
 impl Cut {
@@ -64,30 +45,18 @@ impl Cut {
         self.base_triangles.clear();
         self.base_triangles.resize(base.len().div_ceil(64), u64::MAX);
         self.triangle_count = base.len() as u32;
-        (0..count).for_each(|v| self.put(hierarchy, VertexId(v), false));
+        (0..count).for_each(|v| self.put(VertexId(v)));
     }
 
     /// Makes room for blocks that came since.
     pub fn grow(&mut self, hierarchy: &VertexHierarchy) {
         let vertices = hierarchy.vertex_count() as usize;
-        if self.places.len() < vertices {
-            self.places.resize(vertices, NONE);
-            // What had no child may have one now.
-            (0..self.slots.len()).for_each(|at| self.advance(hierarchy, self.slots[at].vertex));
-        }
+        self.places.resize(vertices.max(self.places.len()), NONE);
     }
 
-    fn put(&mut self, hierarchy: &VertexHierarchy, vertex: VertexId, is_seen: bool) {
+    fn put(&mut self, vertex: VertexId) {
         self.places[vertex.index()] = self.slots.len() as u32;
-        self.slots.push(Slot {
-            vertex,
-            triangles: 0,
-            needed: 0,
-            node: NodeState::Unknown,
-            is_seen,
-            is_hidden: false,
-            next: hierarchy.first_child(vertex),
-        });
+        self.slots.push(Slot { vertex, triangles: 0, needed: 0 });
     }
 
     fn remove(&mut self, vertex: VertexId) {
@@ -104,23 +73,25 @@ impl Cut {
         self.places.get(vertex.index()).is_some_and(|place| *place != NONE)
     }
 
-    pub(super) fn slot(&self, vertex: VertexId) -> Option<&Slot> {
+    fn slot(&self, vertex: VertexId) -> Option<&Slot> {
         let place = self.places.get(vertex.index())?;
         self.slots.get(*place as usize)
     }
 
-    pub(super) fn slot_mut(&mut self, vertex: VertexId) -> Option<&mut Slot> {
+    fn slot_mut(&mut self, vertex: VertexId) -> Option<&mut Slot> {
         let place = self.places.get(vertex.index())?;
         self.slots.get_mut(*place as usize)
     }
 
-    pub(super) fn slots(&self) -> &[Slot] {
-        &self.slots
+    /// The vertices that are there, by their places.
+    pub fn vertices(&self) -> impl ExactSizeIterator<Item = VertexId> {
+        self.slots.iter().map(|slot| slot.vertex)
     }
 
-    /// How many vertices are there.
-    pub fn vertex_count(&self) -> u32 {
-        self.slots.len() as u32
+    /// The place of a vertex that is there among [`Cut::vertices`].
+    #[inline]
+    pub fn place(&self, vertex: VertexId) -> u32 {
+        self.places[vertex.index()]
     }
 
     /// How many triangles are there.
@@ -135,16 +106,6 @@ impl Cut {
         links.map(|v| VertexId(*v)).find(|v| !self.has(*v)).map(|v| hierarchy.lead(v))
     }
 
-    /// Says that a split is about to be made: until then or until it is [`Cut::unpin`]ned nothing that it needs can be taken back.
-    pub(super) fn pin(&mut self, hierarchy: &VertexHierarchy, lead: VertexId) {
-        self.change_needed(hierarchy, lead, 1);
-    }
-
-    pub(super) fn unpin(&mut self, hierarchy: &VertexHierarchy, lead: VertexId) {
-        self.change_needed(hierarchy, lead, u32::MAX);
-    }
-
-    /// What is needed and not there yet is counted when it comes.
     fn change_needed(&mut self, hierarchy: &VertexHierarchy, lead: VertexId, by: u32) {
         for vertex in hierarchy.together(lead) {
             for needed in hierarchy.link(vertex).path() {
@@ -160,14 +121,8 @@ impl Cut {
     /// # Panics
     /// When the link is not there.
     pub fn split(&mut self, hierarchy: &VertexHierarchy, lead: VertexId) -> u32 {
-        self.pin(hierarchy, lead);
+        self.change_needed(hierarchy, lead, 1);
         let before = self.triangle_count;
-        let parent = hierarchy.parent(lead);
-        // The node's other half, too, is of what was seen; what is split because others need it was not asked.
-        let is_seen = self.slot(parent).is_some_and(|slot| slot.next == Some(lead) && slot.node == NodeState::Visible);
-        if let Some(slot) = self.slot_mut(parent) {
-            slot.is_seen = is_seen;
-        }
         for vertex in hierarchy.together(lead) {
             let link = hierarchy.link(vertex);
             for (a, b) in link.floor() {
@@ -175,14 +130,13 @@ impl Cut {
                     self.find(hierarchy, [link.parent(), a, b], true).expect("a split finds what it takes: its link is there");
                 self.set(hierarchy, place, false);
             }
-            self.put(hierarchy, vertex, is_seen);
+            self.put(vertex);
             let all = ((1u64 << link.edges().len()) - 1) as u32;
             if let Some(slot) = self.slot_mut(vertex) {
                 slot.triangles = all;
             }
             self.triangle_count += link.edges().len() as u32;
         }
-        self.advance(hierarchy, parent);
         self.triangle_count - before
     }
 
@@ -208,28 +162,27 @@ impl Cut {
                 self.set(hierarchy, place, true);
             }
         }
-        self.unpin(hierarchy, lead);
-        let parent = hierarchy.parent(lead);
-        if let Some(slot) = self.slot_mut(parent) {
-            slot.node = NodeState::Unknown;
-            slot.is_seen = false;
-        }
-        self.advance(hierarchy, parent);
+        self.change_needed(hierarchy, lead, u32::MAX);
         before - self.triangle_count
     }
 
-    /// Finds out what a vertex would split into next.
-    fn advance(&mut self, hierarchy: &VertexHierarchy, vertex: VertexId) {
-        let mut next = hierarchy.first_child(vertex);
-        while let Some(lead) = next.filter(|lead| self.has(*lead)) {
-            next = hierarchy.next_sibling(lead);
-        }
-        if let Some(slot) = self.slot_mut(vertex)
-            && slot.next != next
-        {
-            slot.next = next;
-            slot.node = NodeState::Unknown;
-        }
+    /// Makes all splits of a set that has whatever any of it needs, and takes back all others. `leads` are the set, in any order.
+    pub fn follow(&mut self, hierarchy: &VertexHierarchy, leads: &[VertexId], is_chosen: impl Fn(VertexId) -> bool) {
+        let mut changes = std::mem::take(&mut self.changes);
+        let is_lead = |v: VertexId| !hierarchy.is_base(v) && !hierarchy.is_follower(v);
+        changes.clear();
+        changes.extend(self.slots.iter().map(|slot| slot.vertex).filter(|v| is_lead(*v) && !is_chosen(*v)));
+        // What a split needs has lower numbers.
+        changes.sort_unstable();
+        changes.drain(..).rev().for_each(|lead| {
+            self.collapse(hierarchy, lead);
+        });
+        changes.extend(leads.iter().filter(|lead| !self.has(**lead)));
+        changes.sort_unstable();
+        changes.drain(..).for_each(|lead| {
+            self.split(hierarchy, lead);
+        });
+        self.changes = changes;
     }
 
     /// A triangle of these vertices that is there, or that is not.

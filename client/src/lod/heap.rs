@@ -1,7 +1,6 @@
 //! Nodes by how many pixels they are wrong.
 
 use std::cmp::Ordering;
-use std::collections::BinaryHeap;
 
 use mullion_common::scene::VertexId;
 
@@ -12,6 +11,10 @@ pub(super) struct Node {
     pub pixels: f32,
     pub object: u32,
     pub lead: VertexId,
+    /// Whether what it comes from was asked and found visible: then it is not asked.
+    pub is_seen: bool,
+    /// Whether what its vertex splits into next has been offered.
+    pub is_followed: bool,
 }
 
 impl Eq for Node {}
@@ -19,8 +22,9 @@ impl Eq for Node {}
 impl Ord for Node {
     /// By pixels; of equal ones the coarser is the greater: one order on every machine.
     fn cmp(&self, other: &Self) -> Ordering {
-        let by_place = (other.object, other.lead).cmp(&(self.object, self.lead));
-        self.pixels.total_cmp(&other.pixels).then(by_place)
+        // The bits of numbers that are not negative are in their order.
+        let key = |node: &Self| u64::from(node.pixels.to_bits()) << 32 | u64::from(!node.lead.0);
+        key(self).cmp(&key(other)).then_with(|| other.object.cmp(&self.object))
     }
 }
 
@@ -29,9 +33,3 @@ impl PartialOrd for Node {
         Some(self.cmp(other))
     }
 }
-
-/// What may be split, the most wrong first. Nodes may be in it that mean nothing any more.
-pub(super) type SplitHeap = BinaryHeap<Node>;
-
-/// What may be taken back, the least wrong first. Nodes may be in it that mean nothing any more.
-pub(super) type CollapseHeap = BinaryHeap<std::cmp::Reverse<Node>>;

@@ -2,21 +2,21 @@
 //! of each object's hierarchy are split, within a budget of triangles.
 //!
 //! ```text
-//! base meshes ─→ queue by error in pixels ─ first ─→ in sight? ─→ question ─→ answer: visible ─→ split ─→ triangles
-//!                  ↑        outside, away: not further ┘ parent seen: none ┘   │ occluded        │
-//!                  └── after the occluder was drawn anew ─────────────────────┘   next nodes ←───┘
+//! base meshes ─→ queue by error in pixels ─ first ─→ behind the occluder? ─ no ─→ chosen, with what it needs ─→ cuts ─→ triangles
+//!                  ↑        outside, away: not further    │ yes                      │
+//!                  └── once the occluder is drawn anew ───┘      next nodes ←────────┘
 //! ```
-//! Questions are bounds to hold against depths; whoever draws answers them in their order, whenever it knows. Nothing is told to be hidden
-//! that was not asked, and whatever the answers: a closed mesh is drawn closed, and never a triangle above the budget.
+//! Whatever the occluder says: a closed mesh is drawn closed, and never a triangle above the budget.
 
-mod coherence;
 mod cut;
 mod heap;
+mod occluder;
 mod refinement;
 mod sight;
 
 pub use cut::Cut;
-pub use refinement::{LodOptions, Occlusion, Progress, Question, Refinement, Start, StepLimit, Visibility};
+pub use occluder::{BoundsKind, DepthOccluder};
+pub use refinement::{Hidden, LodOptions, Occluder, Refinement};
 pub use sight::{LodSight, NodeSight};
 
 use glam::DAffine3;

@@ -1,330 +1,286 @@
-//! Occlusion-controlled refinement (section 3.2): the queue, the budget, questions and their answers.
+//! Occlusion-controlled refinement (section 3.2): which nodes are split in a frame, most wrong first, within a budget.
 
-use std::collections::VecDeque;
+use std::collections::BinaryHeap;
 
-use mullion_common::scene::{NodeBounds, VertexId};
+use mullion_common::scene::{VertexHierarchy, VertexId};
 
-use super::cut::{Cut, NodeState};
-use super::heap::{CollapseHeap, Node, SplitHeap};
+use super::cut::Cut;
+use super::heap::Node;
 use super::sight::LocalSight;
 use super::{LodObject, LodSight, NodeSight};
 
-/// How far refinement goes, and what is asked.
+/// How far refinement goes, and when its occluder is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LodOptions {
     /// Most triangles of all objects together. Where the bases alone have more, they are drawn and nothing else.
     pub budget: u32,
     /// Nodes that are wrong by fewer pixels are not split. 0: until the budget is used.
     pub least_pixels: f32,
-    /// Most questions without an answer: enough that whoever answers is never idle, few enough that answers still matter. At least 1.
-    pub most_asked: u32,
+    /// After so many splits what is there becomes the occluder, ascending; the paper's are [`LodOptions::PAPER`].
+    pub occluders: [u32; MAX_OCCLUDERS],
+    /// Whether an occluder is asked at every other level only: half the questions.
+    pub odd_levels: bool,
+}
+
+/// Most times that an occluder is drawn in a frame.
+const MAX_OCCLUDERS: usize = 4;
+
+impl LodOptions {
+    /// The paper's steps, of about 5000 in all (section 4).
+    pub const PAPER: [u32; MAX_OCCLUDERS] = [300, 2500, u32::MAX, u32::MAX];
+    /// No occluder is drawn.
+    pub const NEVER: [u32; MAX_OCCLUDERS] = [u32::MAX; MAX_OCCLUDERS];
 }
 
 impl Default for LodOptions {
     fn default() -> Self {
-        Self { budget: 10_000, least_pixels: 0.0, most_asked: 256 }
+        Self { budget: 10_000, least_pixels: 0.0, occluders: Self::PAPER, odd_levels: false }
     }
 }
 
-/// From which cut a frame begins.
+/// What hides nodes: coarse versions of the objects themselves.
+pub trait Occluder {
+    /// Takes what the objects look like so far, in place of what it had. `sights` is of each.
+    fn draw(&mut self, objects: &[LodObject<'_>], cuts: &[Cut]);
+
+    /// Whether a node of an object is behind what was drawn.
+    fn hides(&mut self, object: usize, hierarchy: &VertexHierarchy, lead: VertexId) -> Hidden;
+}
+
+/// What is behind an occluder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Start {
-    /// The base meshes: the paper's way.
-    Base,
-    /// That of the last frame, with the answers that were given: a slow camera costs few questions.
-    Last,
+pub enum Hidden {
+    /// Nothing, as far as is known.
+    Nothing,
+    /// What the node's split changes. What else its vertex splits into may be seen.
+    Split,
+    /// The node with everything below it.
+    Node,
 }
 
-/// Whether nodes are asked about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Occlusion {
-    /// Nothing is asked: there is no occluder yet, or none is wanted.
-    Off,
-    /// Nodes are, but for those whose parent was asked and found visible: every second level.
-    On,
-}
+/// Nodes in a row that may be too large for what is left of a budget before the rest is not looked at.
+const MOST_MISFITS: u32 = 64;
+/// A split adds so many triangles at most: with less left, none may fit.
+const FEWEST_LEFT: u32 = 2;
 
-/// An answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Visibility {
-    /// Some of the bounds may be seen.
-    Visible,
-    /// All of the bounds is behind what was drawn.
-    Occluded,
-}
-
-/// How many splits more may be made before refinement rests; those that a split needs are counted, too.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StepLimit {
-    /// As many as there may be.
-    None,
-    /// Rests once the frame has had so many.
-    Total(u32),
-}
-
-/// Where refinement rests.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Progress {
-    /// It has made as many splits as it should.
-    Rests,
-    /// It goes on once the oldest question is answered.
-    Waits,
-    /// Nothing is left to do.
-    Done,
-}
-
-/// What is asked: whether anything of these bounds can be seen.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Question {
-    /// Whose.
-    pub object: u32,
-    /// Bounds in the object's local space.
-    pub bounds: NodeBounds,
-}
-
-/// While an answer is due nothing is done about nodes that are wrong by less than this share of its node's pixels: what they would take may
-/// be wanted there.
-const HORIZON: f32 = 0.7;
-
-/// What a question was about.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Asked {
-    pub object: u32,
-    pub lead: VertexId,
-    /// How wrong the node is; 0 where nothing waits for the answer.
-    pub pixels: f32,
-    /// Whether the node has been split already, and it is asked if it should be still.
-    pub is_split: bool,
-}
-
-/// The refinement of several objects under one budget, frame after frame. Takes memory only while its cuts grow.
+/// The refinement of several objects under one budget.
+///
+/// What it finds is a function of what it is given, whatever it found before: whoever is given the same finds the same. Only the way there
+/// is short where little has changed: the cuts of the last frame are kept, and what differs is split or taken back. Takes memory only while
+/// its cuts grow.
 #[derive(Debug, Default)]
 pub struct Refinement {
-    pub(super) cuts: Vec<Cut>,
-    pub(super) sights: Vec<LocalSight>,
-    pub(super) splits: SplitHeap,
-    pub(super) collapses: CollapseHeap,
-    pub(super) options: LodOptions,
-    pub(super) occlusion: Option<Occlusion>,
-    /// Nodes that were found occluded in this frame, and not asked since.
+    cuts: Vec<Cut>,
+    /// As each occluder was drawn.
+    occluders: [Vec<Cut>; MAX_OCCLUDERS],
+    chosen: Vec<Chosen>,
+    sights: Vec<LocalSight>,
+    queue: BinaryHeap<Node>,
+    /// Nodes that are behind the occluder.
     hidden: Vec<Node>,
-    asked: VecDeque<Asked>,
-    questions: Vec<Question>,
-    /// What a split needs, the coarsest last.
-    pub(super) needed: Vec<VertexId>,
-    pub(super) triangle_count: u32,
-    pub(super) steps: u32,
+    /// What a split needs.
+    needed: Vec<VertexId>,
+    triangle_count: u32,
+    steps: u32,
     question_count: u32,
-    pub(super) start: Option<Start>,
-    pub(super) frame: u32,
+}
+
+/// The leads of one object that are to be split.
+#[derive(Debug, Default)]
+struct Chosen {
+    /// Of each vertex in which of the last frames it was chosen.
+    frames: Vec<u32>,
+    frame: u32,
+    leads: Vec<VertexId>,
+}
+
+impl Chosen {
+    fn begin(&mut self, vertices: usize) {
+        self.leads.clear();
+        self.frame = self.frame.wrapping_add(1);
+        if self.frame == 0 {
+            self.frames.clear();
+            self.frame = 1;
+        }
+        self.frames.resize(vertices.max(self.frames.len()), 0);
+    }
+
+    #[inline]
+    fn has(&self, lead: VertexId) -> bool {
+        self.frames[lead.index()] == self.frame
+    }
+
+    fn put(&mut self, lead: VertexId) {
+        self.frames[lead.index()] = self.frame;
+        self.leads.push(lead);
+    }
+
+    fn follow(&self, hierarchy: &VertexHierarchy, cut: &mut Cut) {
+        cut.follow(hierarchy, &self.leads, |lead| self.has(lead));
+    }
 }
 
 impl Refinement {
-    /// A refinement that has seen nothing.
+    /// A refinement that has found nothing.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Begins a frame. Questions that are open are forgotten: no answer to them may come any more.
-    pub fn begin(&mut self, objects: &[LodObject<'_>], sight: &LodSight<'_>, options: &LodOptions, start: Start) {
-        self.options = *options;
-        self.occlusion = Some(Occlusion::Off);
-        self.frame = self.frame.wrapping_add(1);
-        self.splits.clear();
-        self.collapses.clear();
+    /// Finds the cuts of a frame. Without an occluder nothing is taken to be hidden.
+    ///
+    /// Objects are the same ones in the same order from frame to frame, or [`Refinement::forget`] comes between.
+    pub fn refine(
+        &mut self,
+        objects: &[LodObject<'_>],
+        sight: &LodSight<'_>,
+        options: &LodOptions,
+        mut occluder: Option<&mut (dyn Occluder + '_)>,
+    ) {
+        self.begin(objects, sight);
+        let mut drawn = 0;
+        let mut misfits = 0;
+        loop {
+            if let Some(occluder) = &mut occluder
+                && options.occluders.get(drawn).is_some_and(|steps| self.steps >= *steps)
+            {
+                self.draw_occluder(objects, drawn, *occluder);
+                drawn += 1;
+            }
+            let Some(mut node) = self.queue.pop() else { break };
+            if node.pixels < options.least_pixels || node.pixels <= 0.0 {
+                break;
+            }
+            let object = node.object as usize;
+            let hierarchy = objects[object].hierarchy;
+            if !self.chosen[object].has(node.lead) {
+                if let Some(occluder) = occluder.as_mut().filter(|_| drawn > 0) {
+                    // Questions may be asked at every other level: what is below a node that is seen is likely seen.
+                    if !node.is_seen {
+                        self.question_count += 1;
+                        let hidden = occluder.hides(object, hierarchy, node.lead);
+                        if hidden == Hidden::Split && !node.is_followed {
+                            self.offer_next(hierarchy, &node);
+                            node.is_followed = true;
+                        }
+                        if hidden != Hidden::Nothing {
+                            self.hidden.push(node);
+                            continue;
+                        }
+                    }
+                    node.is_seen = options.odd_levels && !node.is_seen;
+                }
+                let added = self.find_needed(hierarchy, object, node.lead);
+                if self.triangle_count.saturating_add(added) > options.budget {
+                    misfits += 1;
+                    if misfits > MOST_MISFITS || self.triangle_count.saturating_add(FEWEST_LEFT) > options.budget {
+                        break;
+                    }
+                    continue;
+                }
+                misfits = 0;
+                self.triangle_count += added;
+                self.steps += self.needed.len() as u32;
+                let chosen = &mut self.chosen[object];
+                self.needed.drain(..).for_each(|lead| chosen.put(lead));
+            }
+            self.offer_below(hierarchy, &node);
+        }
+        let cuts = self.cuts.iter_mut().zip(&self.chosen).zip(objects);
+        cuts.for_each(|((cut, chosen), object)| chosen.follow(object.hierarchy, cut));
+    }
+
+    fn begin(&mut self, objects: &[LodObject<'_>], sight: &LodSight<'_>) {
+        self.queue.clear();
         self.hidden.clear();
-        self.asked.clear();
-        self.questions.clear();
-        (self.steps, self.question_count) = (0, 0);
-        self.start = Some(start);
+        (self.triangle_count, self.steps, self.question_count) = (0, 0, 0);
         self.sights.clear();
         self.sights.extend(objects.iter().map(|object| LocalSight::new(sight, object)));
-        let known = self.cuts.len().min(objects.len());
-        self.cuts.resize_with(objects.len(), Cut::default);
+        self.chosen.resize_with(objects.len(), Chosen::default);
+        for cuts in std::iter::once(&mut self.cuts).chain(&mut self.occluders) {
+            let known = cuts.len();
+            cuts.resize_with(objects.len(), Cut::default);
+            for (number, (cut, object)) in cuts.iter_mut().zip(objects).enumerate() {
+                if number >= known { cut.reset(object.hierarchy) } else { cut.grow(object.hierarchy) }
+            }
+        }
         for (number, object) in objects.iter().enumerate() {
-            if start == Start::Base || number >= known {
-                self.cuts[number].reset(object.hierarchy);
-            } else {
-                self.cuts[number].grow(object.hierarchy);
-            }
-        }
-        self.triangle_count = self.cuts.iter().map(Cut::triangle_count).sum();
-        for number in 0..objects.len() {
-            match start {
-                Start::Base => (0..objects[number].hierarchy.base_count()).for_each(|v| self.offer(objects, number, VertexId(v))),
-                Start::Last => self.offer_all(objects, number),
+            let hierarchy = object.hierarchy;
+            self.chosen[number].begin(hierarchy.vertex_count() as usize);
+            self.triangle_count += hierarchy.base().triangles.len() as u32;
+            for lead in (0..hierarchy.base_count()).filter_map(|v| hierarchy.first_child(VertexId(v))) {
+                self.offer(
+                    hierarchy,
+                    Node { pixels: f32::INFINITY, object: number as u32, lead, is_seen: false, is_followed: false },
+                );
             }
         }
     }
 
-    /// From now on nodes are asked about, or not. Those that were found occluded are asked again: the occluder has been drawn anew.
-    pub fn set_occlusion(&mut self, objects: &[LodObject<'_>], occlusion: Occlusion) {
-        self.occlusion = Some(occlusion);
-        let mut hidden = std::mem::take(&mut self.hidden);
-        for node in hidden.drain(..) {
-            let hierarchy = objects[node.object as usize].hierarchy;
-            if let Some(slot) = self.cuts[node.object as usize].slot_mut(hierarchy.parent(node.lead))
-                && slot.next == Some(node.lead)
-                && slot.node == NodeState::Occluded
-            {
-                slot.node = NodeState::Unknown;
-                self.splits.push(node);
-            }
-        }
-        self.hidden = hidden;
-        if self.start == Some(Start::Last) && occlusion == Occlusion::On {
-            self.ask_again(objects);
+    /// Puts a node into the queue, if it is in sight. It is as wrong as its bounds say, and no more than what it comes from.
+    #[inline]
+    fn offer(&mut self, hierarchy: &VertexHierarchy, node: Node) {
+        if let NodeSight::Pixels(pixels) = self.sights[node.object as usize].of(hierarchy.packed_bounds(node.lead)) {
+            self.queue.push(Node { pixels: pixels.min(node.pixels), ..node });
         }
     }
 
-    /// Splits until the budget is used, nothing is left, so many splits have been made, or an answer is needed to go on.
-    ///
-    /// `objects` are those of [`Refinement::begin`].
-    pub fn refine(&mut self, objects: &[LodObject<'_>], limit: StepLimit) -> Progress {
-        self.coarsen_to_fit(objects);
-        loop {
-            if matches!(limit, StepLimit::Total(steps) if self.steps >= steps) {
-                return Progress::Rests;
-            }
-            let Some(node) = self.splits.peek().copied() else {
-                return if self.asked.is_empty() { Progress::Done } else { Progress::Waits };
-            };
-            let is_far_behind = self.asked.front().is_some_and(|asked| node.pixels < asked.pixels * HORIZON);
-            if is_far_behind {
-                return Progress::Waits;
-            }
-            if !self.is_worth(objects, &node) {
-                return if self.asked.is_empty() { Progress::Done } else { Progress::Waits };
-            }
-            let hierarchy = objects[node.object as usize].hierarchy;
-            let parent = hierarchy.parent(node.lead);
-            let cut = &mut self.cuts[node.object as usize];
-            let Some(slot) = cut.slot_mut(parent).filter(|slot| slot.next == Some(node.lead)) else {
-                self.splits.pop();
-                continue;
-            };
-            let needs_answer = self.occlusion == Some(Occlusion::On) && !slot.is_seen;
-            match slot.node {
-                NodeState::Asked | NodeState::Occluded => {
-                    self.splits.pop();
-                    continue;
-                }
-                NodeState::Unknown if needs_answer => {
-                    if self.asked.len() as u32 >= self.options.most_asked.max(1) {
-                        return Progress::Waits;
-                    }
-                    slot.node = NodeState::Asked;
-                    self.splits.pop();
-                    self.ask(objects, &node, false);
-                    continue;
-                }
-                NodeState::Unknown | NodeState::Visible => {}
-            }
-            self.splits.pop();
-            self.split(objects, &node);
+    /// Offers the nodes that a node becomes by its split.
+    fn offer_below(&mut self, hierarchy: &VertexHierarchy, node: &Node) {
+        if !node.is_followed {
+            self.offer_next(hierarchy, node);
         }
-    }
-
-    /// Whether the first node of the queue is worth its triangles.
-    fn is_worth(&mut self, objects: &[LodObject<'_>], node: &Node) -> bool {
-        const FEWEST: u32 = 2;
-        let fits = self.triangle_count.saturating_add(FEWEST) <= self.options.budget;
-        node.pixels >= self.options.least_pixels && node.pixels > 0.0 && (fits || self.has_less_worth(objects, node))
-    }
-
-    pub(super) fn ask(&mut self, objects: &[LodObject<'_>], node: &Node, is_split: bool) {
-        let Node { object, lead, pixels } = *node;
-        self.asked.push_back(Asked { object, lead, pixels, is_split });
-        self.questions.push(Question { object, bounds: objects[object as usize].hierarchy.bounds(lead) });
-        self.question_count += 1;
-    }
-
-    pub(super) fn may_ask(&self) -> bool {
-        (self.asked.len() as u32) < self.options.most_asked.max(1)
-    }
-
-    /// The questions that have not been given out yet, oldest first. Their answers are due in this order.
-    pub fn questions(&mut self) -> impl ExactSizeIterator<Item = Question> {
-        self.questions.drain(..)
-    }
-
-    /// The answer to the oldest open question; one for no question means nothing.
-    pub fn answer(&mut self, objects: &[LodObject<'_>], visibility: Visibility) {
-        let Some(Asked { object, lead, is_split, .. }) = self.asked.pop_front() else { return };
-        let hierarchy = objects[object as usize].hierarchy;
-        let cut = &mut self.cuts[object as usize];
-        if is_split {
-            self.answer_split(objects, object, lead, visibility);
-            return;
-        }
-        // The node may have been split meanwhile, because another one needed that.
-        let Some(slot) = cut.slot_mut(hierarchy.parent(lead)).filter(|slot| slot.next == Some(lead)) else { return };
-        let NodeSight::Pixels(pixels) = self.sights[object as usize].of(&hierarchy.bounds(lead)) else { return };
-        let node = Node { pixels, object, lead };
-        match visibility {
-            Visibility::Visible => {
-                slot.node = NodeState::Visible;
-                self.splits.push(node);
-            }
-            Visibility::Occluded => {
-                slot.node = NodeState::Occluded;
-                self.hidden.push(node);
+        for vertex in hierarchy.together(node.lead) {
+            if let Some(lead) = hierarchy.first_child(vertex) {
+                self.offer(hierarchy, Node { lead, is_followed: false, ..*node });
             }
         }
     }
 
-    /// Puts what a vertex would split into next into the queue, if it is in sight.
-    pub(super) fn offer(&mut self, objects: &[LodObject<'_>], object: usize, vertex: VertexId) {
-        let Some(lead) = self.cuts[object].slot(vertex).and_then(|slot| slot.next) else { return };
-        if let NodeSight::Pixels(pixels) = self.sights[object].of(&objects[object].hierarchy.bounds(lead)) {
-            self.splits.push(Node { pixels, object: object as u32, lead });
+    /// Offers what a node's vertex splits into after it.
+    fn offer_next(&mut self, hierarchy: &VertexHierarchy, node: &Node) {
+        if let Some(lead) = hierarchy.next_sibling(node.lead) {
+            self.offer(hierarchy, Node { lead, is_followed: false, ..*node });
         }
     }
 
-    /// Makes a split, and before it those that it needs, if all of them fit.
-    fn split(&mut self, objects: &[LodObject<'_>], node: &Node) {
-        let object = node.object as usize;
-        let hierarchy = objects[object].hierarchy;
-        self.find_needed(objects, node);
-        let added: u32 = self.needed.iter().map(|lead| hierarchy.added_triangles(*lead)).sum();
-        // Nothing that these need may go while room is made.
-        self.needed.iter().for_each(|lead| self.cuts[object].pin(hierarchy, *lead));
-        if !self.make_room(objects, node, added) {
-            self.needed.iter().for_each(|lead| self.cuts[object].unpin(hierarchy, *lead));
-            return;
-        }
-        self.needed.iter().for_each(|lead| self.cuts[object].unpin(hierarchy, *lead));
-        while let Some(lead) = self.needed.pop() {
-            self.triangle_count += self.cuts[object].split(hierarchy, lead);
-            self.steps += 1;
-            self.offer(objects, object, hierarchy.parent(lead));
-            for vertex in hierarchy.together(lead) {
-                self.offer(objects, object, vertex);
-            }
-            self.note_collapse(objects, object, lead);
-        }
-    }
-
-    /// All splits that a node's needs and that are not made, itself first: each comes before those that it needs.
-    fn find_needed(&mut self, objects: &[LodObject<'_>], node: &Node) {
-        let hierarchy = objects[node.object as usize].hierarchy;
-        let cut = &self.cuts[node.object as usize];
+    /// Finds all splits that a lead's needs and that are not chosen, itself first. How many triangles they add.
+    fn find_needed(&mut self, hierarchy: &VertexHierarchy, object: usize, lead: VertexId) -> u32 {
+        let chosen = &self.chosen[object];
         self.needed.clear();
-        self.needed.push(node.lead);
-        let mut at = 0;
+        self.needed.push(lead);
+        let (mut at, mut added) = (0, 0);
         while let Some(lead) = self.needed.get(at).copied() {
             at += 1;
+            added += hierarchy.added_triangles(lead);
             for vertex in hierarchy.together(lead) {
-                for needed in hierarchy.link(vertex).path() {
-                    let needed = hierarchy.lead(VertexId(*needed));
-                    if !cut.has(needed) && !self.needed.contains(&needed) {
-                        self.needed.push(needed);
+                for needed in hierarchy.link(vertex).path().iter().map(|v| VertexId(*v)) {
+                    if !hierarchy.is_base(needed) {
+                        let needed = hierarchy.lead(needed);
+                        if !chosen.has(needed) && !self.needed.contains(&needed) {
+                            self.needed.push(needed);
+                        }
                     }
                 }
             }
         }
-        // What a split needs has lower numbers.
-        self.needed.sort_unstable_by(|a, b| b.cmp(a));
+        added
+    }
+
+    /// Makes what is chosen so far the occluder. What was behind the last one may be seen beyond this.
+    fn draw_occluder(&mut self, objects: &[LodObject<'_>], number: usize, occluder: &mut dyn Occluder) {
+        let cuts = &mut self.occluders[number];
+        for ((cut, chosen), object) in cuts.iter_mut().zip(&self.chosen).zip(objects) {
+            chosen.follow(object.hierarchy, cut);
+        }
+        occluder.draw(objects, cuts);
+        self.queue.extend(self.hidden.drain(..));
+    }
+
+    /// Forgets all cuts: objects are others, or in another order.
+    pub fn forget(&mut self) {
+        self.cuts.clear();
+        self.occluders.iter_mut().for_each(Vec::clear);
+        self.chosen.clear();
     }
 
     /// Triangles of all objects.
@@ -332,12 +288,12 @@ impl Refinement {
         self.triangle_count
     }
 
-    /// Splits made in this frame.
+    /// Splits beyond the bases.
     pub fn steps(&self) -> u32 {
         self.steps
     }
 
-    /// Questions asked in this frame.
+    /// How often an occluder was asked.
     pub fn question_count(&self) -> u32 {
         self.question_count
     }

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use mullion_common::geometry::{Plane, axis_lengths};
-use mullion_common::scene::NodeBounds;
+use mullion_common::scene::PackedBounds;
 
 use super::LodObject;
 
@@ -37,7 +37,7 @@ const MAX_PLANES: usize = 8;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LocalSight {
     eye: Vec3,
-    /// Normals and offsets; the normals have any length.
+    /// Normals of length 1 and offsets.
     planes: [(Vec3, f32); MAX_PLANES],
     plane_count: usize,
     /// Pixels for an error of a local unit in a distance of one.
@@ -67,37 +67,36 @@ impl LocalSight {
             // A plane's numbers go the other way than a point's.
             let normal = affine.matrix3.transpose() * plane.normal;
             let offset = plane.normal.dot(affine.translation) + plane.offset_m;
-            local.planes[local.plane_count] = (normal.as_vec3(), offset as f32);
+            let length = normal.length().max(f64::MIN_POSITIVE);
+            local.planes[local.plane_count] = ((normal / length).as_vec3(), (offset / length) as f32);
             local.plane_count += 1;
         }
         local
     }
 
-    /// What the eye sees of a node. Conservative but for its pixels, which are as good as the node's error.
+    /// What the eye sees of a node, that is stored with its centre. Conservative but for its pixels, which are as good as the node's error.
     #[inline]
-    pub fn of(&self, bounds: &NodeBounds) -> NodeSight {
+    pub fn of(&self, (center, bounds): (Vec3, &PackedBounds)) -> NodeSight {
         const SLACK: f32 = 1e-5;
-        let (center, radius) = (bounds.center, bounds.extent.radius);
+        let radius = bounds.radius();
+        let size = center.abs().element_sum() + radius;
         for (normal, offset) in &self.planes[..self.plane_count] {
-            let distance = normal.dot(center) + offset;
-            let length = normal.length();
-            let slack = (length * (center.abs().element_sum() + radius) + offset.abs()) * SLACK;
-            if distance < -(radius * length + slack) {
+            if normal.dot(center) + offset < -(radius + (size + offset.abs()) * SLACK) {
                 return NodeSight::Outside;
             }
         }
         let way = center - self.eye;
         let distance = way.length();
         if !self.is_double_sided
-            && let Some(sine) = bounds.cone_sine
+            && let Some((axis, sine)) = bounds.cone()
         {
             // Every normal is within the cone, every point within the sphere.
-            let along = way.dot(bounds.extent.axis.direction());
-            if along > (distance + radius) * (sine + SLACK) + radius {
+            let least = (distance + radius) * (sine + SLACK) + radius;
+            if least < distance && way.dot(axis.direction()) > least {
                 return NodeSight::Away;
             }
         }
-        NodeSight::Pixels(bounds.extent.error * self.pixels / (distance - radius).max(self.near))
+        NodeSight::Pixels(bounds.error() * self.pixels / (distance - radius).max(self.near))
     }
 }
 
@@ -105,7 +104,7 @@ impl LocalSight {
 mod tests {
     use super::*;
     use glam::{DAffine3, DQuat};
-    use mullion_common::scene::{NodeAxis, NodeExtent, PackedBounds, VertexHierarchy};
+    use mullion_common::scene::{NodeAxis, NodeExtent, VertexHierarchy};
     use proptest::prelude::*;
 
     fn vector(size: f64) -> impl Strategy<Value = DVec3> {
@@ -142,13 +141,13 @@ mod tests {
                 least_cosine: axis.direction().dot(front.normalize()),
                 ..NodeExtent::default()
             };
-            let bounds = test_bounds(&extent);
+            let bounds = PackedBounds::new(&extent);
             let plane = Plane { normal: normal.normalize(), offset_m: offset };
             let hierarchy = VertexHierarchy::default();
             let object = LodObject { hierarchy: &hierarchy, world_from_local, is_double_sided: false };
             let planes = [plane];
             let sight = LodSight { eye, planes: &planes, pixels_per_radian: 1000.0, near_m: 0.1 };
-            let found = LocalSight::new(&sight, &object).of(&bounds);
+            let found = LocalSight::new(&sight, &object).of((Vec3::ZERO, &bounds));
             let world = local.map(|p| world_from_local.transform_point3(p.as_dvec3()));
             let is_before = world.iter().any(|p| plane.distance_m(*p) > 1e-4);
             let local_eye = world_from_local.inverse().transform_point3(eye).as_vec3();
@@ -156,9 +155,5 @@ mod tests {
             prop_assert!(found != NodeSight::Outside || !is_before);
             prop_assert!(found != NodeSight::Away || !shows_front);
         }
-    }
-
-    fn test_bounds(extent: &NodeExtent) -> NodeBounds {
-        PackedBounds::new(extent).around(Vec3::ZERO)
     }
 }

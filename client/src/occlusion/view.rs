@@ -232,6 +232,7 @@ impl InRounds {
             }
         }
         pass.blended.clear();
+        pass.cuts.clear();
         pass.boxes.clear();
         if *is_last {
             pass.blended.extend(self.blended.iter().filter(|leaf| self.rounds.kept().contains(**leaf)));

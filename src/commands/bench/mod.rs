@@ -2,6 +2,7 @@
 
 mod cull;
 mod figures;
+mod lod;
 mod machine;
 mod measure;
 mod moving;
@@ -9,7 +10,12 @@ mod occlusion;
 mod plp;
 mod table;
 
+use std::sync::Arc;
+
 use anyhow::Result;
+use mullion_client::gpu::{Gpu, GpuOptions};
+
+use crate::say::say;
 
 /// What to measure.
 #[derive(clap::Args)]
@@ -26,6 +32,8 @@ enum What {
     Occlusion(occlusion::Options),
     /// What estimates within a budget of triangles find of the visible set, without a GPU.
     Plp(plp::Options),
+    /// What occlusion does for level of detail: triangles that are seen, and what it costs.
+    Lod(lod::Options),
 }
 
 /// Runs the command.
@@ -34,5 +42,19 @@ pub fn run(options: &Options) -> Result<()> {
         What::Cull(options) => cull::run(options),
         What::Occlusion(options) => occlusion::run(options),
         What::Plp(options) => plp::run(options),
+        What::Lod(options) => lod::run(options),
+    }
+}
+
+/// A GPU, if there is one; says where there is none.
+fn open_gpu(is_piped: bool) -> Option<Arc<Gpu>> {
+    match Gpu::open(GpuOptions::default()) {
+        Ok(gpu) => Some(gpu),
+        Err(error) => {
+            if !is_piped {
+                say!("nothing is drawn: {error}");
+            }
+            None
+        }
     }
 }

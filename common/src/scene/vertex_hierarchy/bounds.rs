@@ -114,9 +114,22 @@ impl PackedBounds {
         }
     }
 
+    /// Metres between the surface before the split and the mesh, or more.
     #[inline]
-    pub(super) fn error(&self) -> f32 {
+    pub fn error(&self) -> f32 {
         widened(self.error)
+    }
+
+    /// Of the sphere about the centre, metres.
+    #[inline]
+    pub fn radius(&self) -> f32 {
+        widened(self.radius)
+    }
+
+    /// The axis of the cone of normals, and the sine of the angle to the normal furthest from it; `None` where no eye is behind all triangles.
+    #[inline]
+    pub fn cone(&self) -> Option<(NodeAxis, f32)> {
+        (self.cone != ALL_AROUND).then(|| (self.axis, f32::from(self.cone) / CONE_STEPS))
     }
 
     pub(super) fn is_finite(&self) -> bool {
@@ -126,9 +139,9 @@ impl PackedBounds {
     /// The bounds around a centre.
     #[inline]
     pub fn around(&self, center: Vec3) -> NodeBounds {
-        let radius = widened(self.radius);
+        let radius = self.radius();
         let [cylinder_radius, cylinder_below, cylinder_above] = self.cylinder.map(|q| f32::from(q) / SHARE_STEPS * radius);
-        let cone_sine = (self.cone != ALL_AROUND).then(|| f32::from(self.cone) / CONE_STEPS);
+        let cone_sine = self.cone().map(|(_, sine)| sine);
         let extent = NodeExtent {
             error: self.error(),
             radius,

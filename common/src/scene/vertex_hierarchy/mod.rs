@@ -271,7 +271,14 @@ impl VertexHierarchy {
     /// What encloses a lead's node: everything that its parent turns into by this split and later ones, down to the triangles of the mesh.
     #[inline]
     pub fn bounds(&self, lead: VertexId) -> NodeBounds {
-        self.split(lead).bounds.around(self.position(self.parent(lead)))
+        let (center, bounds) = self.packed_bounds(lead);
+        bounds.around(center)
+    }
+
+    /// The same as it is stored, and the centre.
+    #[inline]
+    pub fn packed_bounds(&self, lead: VertexId) -> (Vec3, &PackedBounds) {
+        (self.position(self.parent(lead)), &self.split(lead).bounds)
     }
 
     /// Only the error of [`VertexHierarchy::bounds`], metres.

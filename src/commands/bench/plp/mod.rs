@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::ValueEnum;
-use mullion_client::gpu::{Gpu, GpuOptions};
+use mullion_client::gpu::Gpu;
 use mullion_client::plp::Solidity;
 use mullion_common::camera_path::CameraPath;
 use mullion_common::wall::WallConfig;
@@ -102,7 +102,7 @@ pub fn run(options: &Options) -> Result<()> {
     })?;
     let is_piped = options.json.as_deref().is_some_and(is_standard_output);
     let machine = Machine::this();
-    let gpu = if options.no_gpu { None } else { open_gpu(is_piped) };
+    let gpu = if options.no_gpu { None } else { super::open_gpu(is_piped) };
     if !is_piped {
         say!("{machine}");
         gpu.as_ref().inspect(|gpu| say!("{}", gpu.describe()));
@@ -124,18 +124,6 @@ pub fn run(options: &Options) -> Result<()> {
         }
     }
     options.json.as_ref().map_or(Ok(()), |path| write_json(&Report { machine, tables: &tables }, path))
-}
-
-fn open_gpu(is_piped: bool) -> Option<Arc<Gpu>> {
-    match Gpu::open(GpuOptions::default()) {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            if !is_piped {
-                say!("nothing is drawn: {error}");
-            }
-            None
-        }
-    }
 }
 
 fn measure(options: &Options, scene: &str, gpu: Option<&Arc<Gpu>>) -> Result<Table> {

@@ -7,7 +7,7 @@ use mullion_common::scene::{GeometryChunk, Package, Tessellation};
 /// No triangle.
 pub const NOTHING: u32 = u32::MAX;
 
-/// All triangles that a tessellation covers, in the world, by slot.
+/// Triangles in the world, by slot.
 pub struct ItemScene {
     origin: DVec3,
     triangles: Vec<[Vec3; 3]>,
@@ -34,6 +34,17 @@ impl ItemScene {
             scene.double_sided.resize(scene.triangles.len(), manifest.materials[record.material.0 as usize].double_sided);
         }
         scene
+    }
+
+    /// Triangles relative to an origin, each with whether it has two fronts.
+    pub fn of_triangles(origin: DVec3, triangles: impl Iterator<Item = ([Vec3; 3], bool)>) -> Self {
+        let (triangles, double_sided) = triangles.unzip();
+        Self { origin, triangles, double_sided }
+    }
+
+    /// A triangle's corners relative to the origin.
+    pub fn corners(&self, slot: u32) -> [Vec3; 3] {
+        self.triangles[slot as usize]
     }
 
     /// How many triangles.
@@ -86,6 +97,11 @@ impl ItemBuffer {
     /// The slot at each pixel, row by row, or [`NOTHING`].
     pub fn items(&self) -> &[u32] {
         &self.items
+    }
+
+    /// How near what is seen is, row by row: reversed depth, 0 for nothing.
+    pub fn depths(&self) -> &[f32] {
+        &self.depths
     }
 
     fn clipped(&mut self, corners: &[Vec4; 3], slot: u32, double_sided: bool) {

@@ -1,0 +1,124 @@
+//! Cuts of vertex hierarchies on the GPU: the vertices and triangles that are there, written anew when they change. A cut is as large as its
+//! budget, however large its mesh.
+
+use mullion_common::scene::{MaterialId, ObjectId, VertexHierarchy, VertexId};
+
+use super::arena::Vertex;
+use super::device::{Gpu, GpuError};
+use super::draws::{GrowingBuffer, Indices, State};
+use super::pipelines::{PipelineKey, Sides};
+use super::renderer::Renderer;
+use crate::frame::PassPlan;
+use crate::lod::Cut;
+
+/// An object that is drawn by a cut in place of its leaves.
+#[derive(Clone, Copy, Debug)]
+pub struct CutObject<'a> {
+    /// Which.
+    pub object: ObjectId,
+    /// One of its leaves: whose number its pixels bear.
+    pub leaf: u32,
+    /// Its mesh.
+    pub hierarchy: &'a VertexHierarchy,
+    /// What of it is drawn.
+    pub cut: &'a Cut,
+}
+
+/// Some of an object's triangles, of one material.
+#[derive(Clone, Copy, Debug)]
+struct CutDraw {
+    object: ObjectId,
+    leaf: u32,
+    material: MaterialId,
+    first_index: u32,
+    index_count: u32,
+    first_vertex: u32,
+}
+
+/// What a renderer keeps of cuts. Keeps its memory.
+pub(super) struct Cuts {
+    pub vertices: GrowingBuffer,
+    pub indices: GrowingBuffer,
+    /// By object, ascending.
+    draws: Vec<CutDraw>,
+    staged_vertices: Vec<Vertex>,
+    staged_indices: Vec<u32>,
+}
+
+impl Cuts {
+    pub fn new(gpu: &Gpu) -> Self {
+        Self {
+            vertices: GrowingBuffer::new(gpu, "vertices of cuts", wgpu::BufferUsages::VERTEX),
+            indices: GrowingBuffer::new(gpu, "indices of cuts", wgpu::BufferUsages::INDEX),
+            draws: Vec::new(),
+            staged_vertices: Vec::new(),
+            staged_indices: Vec::new(),
+        }
+    }
+
+    /// Stages an object's triangles, one draw for each material.
+    fn stage(&mut self, CutObject { object, leaf, hierarchy, cut }: &CutObject<'_>) {
+        let first_vertex = self.staged_vertices.len() as u32;
+        let data = hierarchy.vertices();
+        self.staged_vertices.extend(cut.vertices().map(|v| Vertex {
+            position: data.positions[v.index()],
+            uv: data.uvs.get(v.index()).copied().unwrap_or_default(),
+            color: data.colors.get(v.index()).copied().unwrap_or([255; 4]),
+        }));
+        let place = |v: VertexId| cut.place(v);
+        let materials = &hierarchy.base().materials;
+        let mut put = |material: MaterialId, triangles: &mut dyn Iterator<Item = [VertexId; 3]>| {
+            let first_index = self.staged_indices.len() as u32;
+            triangles.for_each(|t| self.staged_indices.extend(t.map(place)));
+            let index_count = self.staged_indices.len() as u32 - first_index;
+            self.draws.push(CutDraw { object: *object, leaf: *leaf, material, first_index, index_count, first_vertex });
+        };
+        if let [material] = materials[..] {
+            put(material, &mut cut.triangles(hierarchy));
+            return;
+        }
+        for material in materials {
+            put(*material, &mut cut.triangles(hierarchy).filter(|t| hierarchy.material(t[0]) == *material));
+        }
+    }
+}
+
+impl Renderer {
+    /// From the next draw on, passes that name these objects draw them by their cuts; others have none any more. Objects ascend.
+    ///
+    /// # Errors
+    /// When cuts are larger than the GPU's buffers.
+    pub fn set_cuts<'a>(&mut self, objects: impl Iterator<Item = CutObject<'a>>) -> Result<(), GpuError> {
+        let cuts = &mut self.cuts;
+        cuts.draws.clear();
+        cuts.staged_vertices.clear();
+        cuts.staged_indices.clear();
+        objects.for_each(|object| cuts.stage(&object));
+        let limit = self.gpu.device.limits().max_buffer_size;
+        cuts.vertices.write(&self.gpu, bytemuck::cast_slice(&cuts.staged_vertices), limit)?;
+        cuts.indices.write(&self.gpu, bytemuck::cast_slice(&cuts.staged_indices), limit)
+    }
+
+    /// Lists the cuts that a pass names, before all else.
+    pub(super) fn list_cuts(&mut self, pass: &PassPlan) {
+        for object in &pass.cuts {
+            let start = self.cuts.draws.partition_point(|draw| draw.object < *object);
+            for at in start..self.cuts.draws.len() {
+                let CutDraw { object: of, leaf, material, first_index, index_count, first_vertex } = self.cuts.draws[at];
+                if of != *object {
+                    break;
+                }
+                if index_count == 0 {
+                    continue;
+                }
+                let material = self.materials.states[material.0 as usize];
+                let record = self.record(pass, *object);
+                let sides = Sides::of(material.double_sided, self.mirrored[object.0 as usize]);
+                let pipeline = PipelineKey::new(material.coverage, material.surface(), sides);
+                let state = State { pipeline, texture: material.texture, page: 0, indices: Indices::Cuts };
+                self.list.push(state, material.instance(record, leaf), (first_index, index_count), first_vertex);
+            }
+        }
+        self.list.cut_draws = self.list.arguments.len() as u32;
+    }
+}

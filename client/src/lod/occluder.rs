@@ -1,0 +1,393 @@
+//! The occluder as depths in a small picture (section 3.1), drawn on the CPU: a question is answered at once, and every node of a wall gets
+//! the same answer.
+
+use glam::{Mat4, Vec2, Vec3, Vec3Swizzles, Vec4, Vec4Swizzles};
+use mullion_common::scene::{NodeBounds, VertexHierarchy, VertexId};
+use mullion_common::wall::Projection;
+
+use super::cut::Cut;
+use super::{Hidden, LodObject, Occluder};
+
+/// Which of a node's bounds are asked about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum BoundsKind {
+    Sphere,
+    Box,
+    /// Along the normal: the paper's best.
+    Cylinder,
+    /// The vertices around the split, and as far around them as the surface may be wrong. Nothing that the node becomes later: of that, each
+    /// split is asked about for itself.
+    #[default]
+    Link,
+}
+
+/// Depths in a picture, and of each 2×2, 4×4, … of its pixels the farthest.
+///
+/// Only pixels' middles are looked at, so answers are as good as the picture is fine. An error costs triangles or sharpness, no correctness.
+#[derive(Debug)]
+pub struct DepthOccluder {
+    kind: BoundsKind,
+    projection: Option<Projection>,
+    /// By object.
+    clip_from_local: Vec<Mat4>,
+    levels: Vec<Level>,
+    /// Vertices of a cut: columns and rows of pixels, and how near.
+    placed: Vec<Vec3>,
+}
+
+/// How near what is drawn is at each pixel: one over its distance along the view's axis, 0 where nothing is.
+#[derive(Debug)]
+struct Level {
+    width: usize,
+    height: usize,
+    near: Vec<f32>,
+}
+
+/// A part of a picture in pixels, and how near the nearest there is.
+#[derive(Clone, Copy, Debug)]
+struct Spread {
+    low: Vec3,
+    high: Vec3,
+}
+
+impl DepthOccluder {
+    /// An occluder in a picture of this size, pixels, each at least 1.
+    pub fn new([width, height]: [u32; 2], kind: BoundsKind) -> Self {
+        let (mut width, mut height) = (width.max(1) as usize, height.max(1) as usize);
+        let mut levels = Vec::new();
+        loop {
+            levels.push(Level { width, height, near: vec![0.0; width * height] });
+            if width == 1 && height == 1 {
+                break;
+            }
+            (width, height) = (width.div_ceil(2), height.div_ceil(2));
+        }
+        Self { kind, projection: None, clip_from_local: Vec::new(), levels, placed: Vec::new() }
+    }
+
+    /// From where the next frame is seen.
+    pub fn look(&mut self, projection: &Projection) {
+        self.projection = Some(*projection);
+    }
+
+    fn draw_cut(&mut self, hierarchy: &VertexHierarchy, cut: &Cut, clip_from_local: &Mat4, facing: Facing) {
+        let Level { width, height, near } = &mut self.levels[0];
+        let half = Vec3::new(*width as f32, *height as f32, 0.0) * 0.5;
+        self.placed.clear();
+        self.placed.extend(cut.vertices().map(|vertex| {
+            let clip = *clip_from_local * hierarchy.position(vertex).extend(1.0);
+            let near = if clip.w > 0.0 { clip.w.recip() } else { f32::NAN };
+            Vec3::new(half.x + clip.x * near * half.x, half.y - clip.y * near * half.y, near)
+        }));
+        for corners in cut.triangles(hierarchy) {
+            let corners = corners.map(|vertex| self.placed[cut.place(vertex) as usize]);
+            fill((*width, *height), near, corners, facing);
+        }
+    }
+
+    /// Each cell of a level is the farthest of up to four of the level before.
+    fn build_levels(&mut self) {
+        for k in 1..self.levels.len() {
+            let (finer, coarser) = self.levels.split_at_mut(k);
+            let (finer, coarser) = (&finer[k - 1], &mut coarser[0]);
+            for (y, row) in coarser.near.chunks_exact_mut(coarser.width).enumerate() {
+                let line = |y: usize| &finer.near[y * finer.width..][..finer.width];
+                let (first, second) = (line(2 * y), line((2 * y + 1).min(finer.height - 1)));
+                for (x, cell) in row.iter_mut().enumerate() {
+                    let next = (2 * x + 1).min(finer.width - 1);
+                    *cell = first[2 * x].min(first[next]).min(second[2 * x].min(second[next]));
+                }
+            }
+        }
+    }
+
+    /// Where bounds lie in the picture; `None` if they reach behind the eye.
+    fn spread(&self, clip_from_local: &Mat4, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<Spread> {
+        if self.kind == BoundsKind::Link {
+            return self.link_spread(clip_from_local, hierarchy, lead);
+        }
+        self.bounds_spread(clip_from_local, &hierarchy.bounds(lead))
+    }
+
+    fn link_spread(&self, clip_from_local: &Mat4, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<Spread> {
+        let around = hierarchy.together(lead).flat_map(|vertex| hierarchy.link(vertex).path()).map(|v| VertexId(*v));
+        let corners = around.chain([lead]).map(|vertex| *clip_from_local * hierarchy.position(vertex).extend(1.0));
+        let spread = Spread::of(corners)?;
+        let error = hierarchy.error(lead);
+        let rows = [0, 1, 3].map(|row| clip_from_local.row(row).xyz().length() * error);
+        // As near as the nearest of them, and nearer by the error.
+        let nearest = spread.high.z.recip() - rows[2];
+        (nearest > 0.0).then(|| {
+            let wider = Vec2::new(rows[0], rows[1]) / nearest;
+            Spread { low: (spread.low.xy() - wider).extend(0.0), high: (spread.high.xy() + wider).extend(nearest.recip()) }
+        })
+    }
+
+    fn bounds_spread(&self, clip_from_local: &Mat4, bounds: &NodeBounds) -> Option<Spread> {
+        let middle = *clip_from_local * bounds.center.extend(1.0);
+        let way = |direction: Vec3| *clip_from_local * direction.extend(0.0);
+        let extent = &bounds.extent;
+        match self.kind {
+            BoundsKind::Sphere => {
+                let rows = [0, 1, 3].map(|row| clip_from_local.row(row).xyz().length() * extent.radius);
+                let nearest = middle.w - rows[2];
+                // The furthest way from the middle is at the nearest distance or the furthest.
+                let side = |at: f32, reach: f32| {
+                    let (low, high) = (at - reach, at + reach);
+                    let over = |x: f32, is_low: bool| x / if (x < 0.0) == is_low { nearest } else { middle.w + rows[2] };
+                    (over(low, true), over(high, false))
+                };
+                let (x, y) = (side(middle.x, rows[0]), side(middle.y, rows[1]));
+                (nearest > 0.0).then(|| Spread { low: Vec3::new(x.0, y.0, 0.0), high: Vec3::new(x.1, y.1, nearest.recip()) })
+            }
+            BoundsKind::Box => {
+                let half = extent.half_box;
+                let [x, y, z] = [way(Vec3::X * half.x), way(Vec3::Y * half.y), way(Vec3::Z * half.z)];
+                let ends = [middle - z, middle + z].into_iter();
+                Spread::of(ends.flat_map(|end| [end - x - y, end - x + y, end + x - y, end + x + y]))
+            }
+            BoundsKind::Cylinder | BoundsKind::Link => {
+                let axis = extent.axis.direction();
+                let (side, other) = axis.any_orthonormal_pair();
+                // An octagon around the circle.
+                const LONG: f32 = 1.0;
+                const SHORT: f32 = 0.414_213_57; // the tangent of an eighth of a turn halved
+                let radius = extent.cylinder_radius;
+                let [u, v] = [way(side * radius), way(other * radius)];
+                let axis = way(axis);
+                let ends = [middle - axis * extent.cylinder_below, middle + axis * extent.cylinder_above].into_iter();
+                let [a, b, c, d] = [u * LONG + v * SHORT, u * LONG - v * SHORT, u * SHORT + v * LONG, u * SHORT - v * LONG];
+                Spread::of(ends.flat_map(|end| [end + a, end - a, end + b, end - b, end + c, end - c, end + d, end - d]))
+            }
+        }
+    }
+}
+
+impl Spread {
+    fn of(points: impl Iterator<Item = Vec4>) -> Option<Self> {
+        let mut spread = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
+        let mut least_w = f32::INFINITY;
+        for clip in points {
+            least_w = least_w.min(clip.w);
+            let near = clip.w.recip();
+            let at = (clip.xy() * near).extend(near);
+            spread.low = spread.low.min(at);
+            spread.high = spread.high.max(at);
+        }
+        (least_w > 0.0).then_some(spread)
+    }
+}
+
+impl Occluder for DepthOccluder {
+    fn draw(&mut self, objects: &[LodObject<'_>], cuts: &[Cut]) {
+        let Some(projection) = self.projection else { return };
+        self.levels[0].near.fill(0.0);
+        self.clip_from_local.clear();
+        for (object, cut) in objects.iter().zip(cuts) {
+            let clip_from_local = projection.clip_from_local(&object.world_from_local);
+            let facing = match (object.is_double_sided, object.world_from_local.matrix3.determinant() < 0.0) {
+                (true, _) => Facing::Either,
+                (false, false) => Facing::Counterclockwise,
+                (false, true) => Facing::Clockwise,
+            };
+            self.draw_cut(object.hierarchy, cut, &clip_from_local, facing);
+            self.clip_from_local.push(clip_from_local);
+        }
+        self.build_levels();
+    }
+
+    fn hides(&mut self, object: usize, hierarchy: &VertexHierarchy, lead: VertexId) -> Hidden {
+        let spread = self.clip_from_local.get(object).and_then(|clip| self.spread(clip, hierarchy, lead));
+        match (spread.is_some_and(|spread| self.is_behind(&spread)), self.kind) {
+            (false, _) => Hidden::Nothing,
+            (true, BoundsKind::Link) => Hidden::Split,
+            (true, _) => Hidden::Node,
+        }
+    }
+}
+
+impl DepthOccluder {
+    /// Whether everything there is behind what was drawn, or outside.
+    fn is_behind(&self, Spread { low, high }: &Spread) -> bool {
+        let (width, height) = (self.levels[0].width as f32, self.levels[0].height as f32);
+        // A pixel more than is covered: only middles were looked at.
+        const MARGIN: f32 = 0.5;
+        let column = |x: f32| (x * 0.5 + 0.5) * width;
+        let row = |y: f32| (0.5 - y * 0.5) * height;
+        let (left, right) = (column(low.x) - MARGIN, column(high.x) + MARGIN);
+        let (top, bottom) = (row(high.y) - MARGIN, row(low.y) + MARGIN);
+        if right < 0.0 || left >= width || bottom < 0.0 || top >= height {
+            return true;
+        }
+        // As integers below 0 are 0, and what is beyond the picture is cut off.
+        let [x, y] = [(left, right, width), (top, bottom, height)]
+            .map(|(low, high, size)| (low.max(0.0) as usize, high.min(size - 1.0) as usize));
+        const CELLS: usize = 4;
+        let longest = (x.1 - x.0).max(y.1 - y.0);
+        let level = (longest / CELLS).checked_ilog2().map_or(0, |log| log as usize + 1);
+        let Level { width, near, .. } = &self.levels[level];
+        let rows = (y.0 >> level)..=(y.1 >> level);
+        rows.into_iter().all(|y| near[y * width..][x.0 >> level..=x.1 >> level].iter().all(|near| *near > high.z))
+    }
+}
+
+/// Which triangles are drawn, as the eye sees them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Facing {
+    Counterclockwise,
+    Clockwise,
+    Either,
+}
+
+/// Draws a triangle: the nearest stays. One that reaches behind the eye is left out.
+#[inline]
+fn fill((width, height): (usize, usize), near: &mut [f32], [a, b, c]: [Vec3; 3], facing: Facing) {
+    let (ab, ac) = (b.xy() - a.xy(), c.xy() - a.xy());
+    let doubled = ab.perp_dot(ac);
+    // Rows count downwards: counterclockwise is below 0.
+    let is_drawn = match facing {
+        Facing::Counterclockwise => doubled < 0.0,
+        Facing::Clockwise => doubled > 0.0,
+        Facing::Either => doubled != 0.0,
+    };
+    if !is_drawn || !(a.z + b.z + c.z).is_finite() {
+        return;
+    }
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let span = |low: f32, high: f32, size: usize| {
+        let first = (low - 0.5).ceil().max(0.0);
+        let end = (high + 0.5).floor().min(size as f32);
+        (first as usize, end.max(0.0) as usize)
+    };
+    let ((left, right), (top, bottom)) = (span(low.x, high.x, width), span(low.y, high.y, height));
+    // Weights of b and c, and nearness, are linear in the picture.
+    let inverse = doubled.recip();
+    let (b_x, b_y) = (ac.y * inverse, -ac.x * inverse);
+    let (c_x, c_y) = (-ab.y * inverse, ab.x * inverse);
+    let (near_b, near_c) = (b.z - a.z, c.z - a.z);
+    for y in top..bottom {
+        let (dx, dy) = (left as f32 + 0.5 - a.x, y as f32 + 0.5 - a.y);
+        let (from_b, from_c) = (b_x * dx + b_y * dy, c_x * dx + c_y * dy);
+        for (x, pixel) in near[y * width..][left..right.max(left)].iter_mut().enumerate() {
+            let (weight_b, weight_c) = (from_b + b_x * x as f32, from_c + c_x * x as f32);
+            let is_inside = weight_b.min(weight_c) >= 0.0 && weight_b + weight_c <= 1.0;
+            let found = a.z + weight_b * near_b + weight_c * near_c;
+            // Without a branch, several pixels at once.
+            *pixel = if is_inside { pixel.max(found) } else { *pixel };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DAffine3, DVec3};
+    use mullion_common::scene::{NodeAxis, NodeExtent};
+    use proptest::prelude::*;
+
+    const SIZE: [u32; 2] = [64, 48];
+
+    fn looking_ahead(kind: BoundsKind) -> DepthOccluder {
+        let corners = [DVec3::new(-1.0, -0.75, -1.0), DVec3::new(1.0, -0.75, -1.0), DVec3::new(-1.0, 0.75, -1.0)];
+        let projection = Projection::through_rectangle(DVec3::ZERO, corners, 0.1, &DAffine3::IDENTITY);
+        let mut occluder = DepthOccluder::new(SIZE, kind);
+        occluder.look(&projection);
+        occluder.clip_from_local.push(projection.clip_from_local(&DAffine3::IDENTITY));
+        occluder
+    }
+
+    /// Draws a square across the view, this far away, from one column to another of the picture from −1 to 1.
+    fn draw_square(occluder: &mut DepthOccluder, away: f32, [left, right]: [f32; 2]) {
+        let corner = |x: f32, y: f32| {
+            let clip = occluder.clip_from_local[0] * Vec3::new(x * away, y * away, -away).extend(1.0);
+            Vec3::new((clip.x / clip.w + 1.0) * 32.0, (1.0 - clip.y / clip.w) * 24.0, clip.w.recip())
+        };
+        let [a, b, c, d] = [corner(left, -1.0), corner(right, -1.0), corner(right, 1.0), corner(left, 1.0)];
+        let near = &mut occluder.levels[0].near;
+        fill((64, 48), near, [a, b, c], Facing::Counterclockwise);
+        fill((64, 48), near, [a, c, d], Facing::Counterclockwise);
+        occluder.build_levels();
+    }
+
+    fn bounds(center: Vec3, extent: NodeExtent) -> NodeBounds {
+        NodeBounds { center, extent, cone_sine: None }
+    }
+
+    fn ball(center: Vec3, radius: f32) -> NodeBounds {
+        let extent = NodeExtent {
+            radius,
+            axis: NodeAxis::along(Vec3::new(0.3, 0.5, 0.8)),
+            cylinder_radius: radius,
+            cylinder_above: radius,
+            cylinder_below: radius,
+            half_box: Vec3::splat(radius),
+            ..NodeExtent::default()
+        };
+        bounds(center, extent)
+    }
+
+    fn hides(occluder: &DepthOccluder, bounds: &NodeBounds) -> bool {
+        occluder.bounds_spread(&occluder.clip_from_local[0], bounds).is_some_and(|spread| occluder.is_behind(&spread))
+    }
+
+    #[test]
+    fn what_is_behind_is_hidden() {
+        for kind in [BoundsKind::Sphere, BoundsKind::Box, BoundsKind::Cylinder] {
+            let mut occluder = looking_ahead(kind);
+            assert!(!hides(&occluder, &ball(Vec3::new(0.0, 0.0, -9.0), 0.5)), "{kind:?}: nothing is drawn");
+            draw_square(&mut occluder, 5.0, [-1.0, 0.0]);
+            assert!(hides(&occluder, &ball(Vec3::new(-3.0, 0.0, -9.0), 0.5)), "{kind:?}: behind it");
+            assert!(!hides(&occluder, &ball(Vec3::new(-1.0, 0.0, -4.0), 0.5)), "{kind:?}: before it");
+            assert!(!hides(&occluder, &ball(Vec3::new(-1.0, 0.0, -5.2), 0.5)), "{kind:?}: through it");
+            assert!(!hides(&occluder, &ball(Vec3::new(0.0, 0.0, -9.0), 0.5)), "{kind:?}: half beside it");
+            assert!(!hides(&occluder, &ball(Vec3::new(3.0, 0.0, -9.0), 0.5)), "{kind:?}: beside it");
+            assert!(!hides(&occluder, &ball(Vec3::new(0.0, 0.0, 0.0), 0.5)), "{kind:?}: around the eye");
+            assert!(hides(&occluder, &ball(Vec3::new(-900.0, 0.0, -9.0), 0.5)), "{kind:?}: outside");
+        }
+    }
+
+    #[test]
+    fn what_faces_away_is_not_drawn() {
+        let mut occluder = looking_ahead(BoundsKind::Box);
+        draw_square(&mut occluder, 5.0, [1.0, -1.0]);
+        assert!(occluder.levels[0].near.iter().all(|near| *near == 0.0));
+    }
+
+    proptest! {
+        /// Where points of a cylinder lie, its spread reaches: and so with boxes and spheres.
+        #[test]
+        fn spreads_enclose(
+            center in [-2.0..2.0f32, -2.0..2.0f32, -9.0..-3.0f32],
+            direction in [-1.0..1.0f32, -1.0..1.0f32, -1.0..1.0f32],
+            [radius, below, above] in [0.0..1.0f32, 0.0..1.0f32, 0.0..1.0f32],
+            [turn, height, across] in [0.0..6.3f32, 0.0..1.0f32, 0.0..1.0f32],
+        ) {
+            let axis = NodeAxis::along(Vec3::from(direction));
+            let (u, v) = axis.direction().any_orthonormal_pair();
+            let point = |turn: f32, height: f32| {
+                axis.direction() * (height * (below + above) - below) + (u * turn.cos() + v * turn.sin()) * radius * across
+            };
+            let inner = point(turn, height);
+            let half = below.max(above).max(radius) * 2.0;
+            let extent = NodeExtent {
+                radius: half,
+                axis,
+                cylinder_radius: radius,
+                cylinder_below: below,
+                cylinder_above: above,
+                half_box: Vec3::splat(half),
+                ..NodeExtent::default()
+            };
+            let bounds = bounds(Vec3::from(center), extent);
+            for kind in [BoundsKind::Sphere, BoundsKind::Box, BoundsKind::Cylinder] {
+                let occluder = looking_ahead(kind);
+                let clip = occluder.clip_from_local[0] * (bounds.center + inner).extend(1.0);
+                let at = Vec3::new(clip.x / clip.w, clip.y / clip.w, clip.w.recip());
+                if let Some(Spread { low, high }) = occluder.bounds_spread(&occluder.clip_from_local[0], &bounds) {
+                    prop_assert!((at + 1e-4).cmpge(low).all() && at.cmple(high + 1e-4).all(), "{kind:?}: {at} in {low} to {high}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! Refinement without occlusion and with, on the same frames.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use image::RgbaImage;
+use mullion_client::frame::Planner;
+use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
+use mullion_client::lod::{BoundsKind, DepthOccluder, LodOptions, LodSight, Occluder, Refinement};
+use mullion_common::scene::ObjectId;
+use mullion_common::visible_set::VisibleSet;
+use mullion_common::wall::ViewId;
+
+use super::Options;
+use super::table::{FineFigures, Table, WayFigures};
+use super::views::View;
+use crate::drawn::{self, Hints};
+use crate::lod::{ImageError, Look, Seen, Subject};
+
+const VIEW: ViewId = ViewId(0);
+
+/// One view's.
+pub struct Contest<'a> {
+    options: &'a Options,
+    view: &'a View,
+    subject: &'a Subject,
+    ways: Vec<Way>,
+    drawing: Option<Drawing<'a>>,
+    ids: Vec<ObjectId>,
+}
+
+struct Way {
+    bounds: Option<BoundsKind>,
+    refinement: Refinement,
+    occluder: Option<DepthOccluder>,
+    figures: WayFigures,
+}
+
+impl Way {
+    fn new(name: String, bounds: Option<BoundsKind>, occluder_px: u32) -> Self {
+        Self {
+            bounds,
+            refinement: Refinement::new(),
+            occluder: bounds.map(|kind| DepthOccluder::new([occluder_px; 2], kind)),
+            figures: WayFigures { name, ..WayFigures::default() },
+        }
+    }
+
+    /// How long it takes.
+    fn refine(&mut self, subject: &Subject, look: &Look, options: &LodOptions) -> Duration {
+        let start = Instant::now();
+        let sight = LodSight {
+            eye: look.projection.eye,
+            planes: &look.frustum.planes,
+            pixels_per_radian: look.pixels_per_radian,
+            near_m: look.near_m as f32,
+        };
+        let occluder = self.occluder.as_mut().map(|occluder| {
+            occluder.look(&look.projection);
+            occluder as &mut dyn Occluder
+        });
+        self.refinement.refine(&subject.objects(), &sight, options, occluder);
+        start.elapsed()
+    }
+
+    fn seen(&self, subject: &Subject, look: &Look, size_px: [u32; 2]) -> Seen {
+        Seen::new(look, subject.cut_scene(look, self.refinement.cuts()), size_px)
+    }
+}
+
+/// Draws one view of a subject.
+struct Drawing<'a> {
+    subject: &'a Subject,
+    renderer: Renderer,
+    planner: Planner,
+    /// What is not simplified.
+    others: VisibleSet,
+}
+
+impl<'a> Drawing<'a> {
+    fn new(gpu: &Arc<Gpu>, subject: &'a Subject, size_px: [u32; 2]) -> Result<Self> {
+        let targets = [ViewTarget { view: VIEW, size_px }];
+        let mut others = VisibleSet::default();
+        VisibleSet::all(subject.package.scene.manifest.leaves.len() as u32).difference_into(&subject.covered, &mut others);
+        let mut renderer = Renderer::new(Arc::clone(gpu), subject.manifest(), &targets, Attachments::Color)?;
+        for leaf in others.leaves() {
+            let leaf = subject.package.scene.manifest.leaves[leaf as usize];
+            renderer.upload(leaf.chunk, subject.package.chunk(leaf.chunk))?;
+        }
+        Ok(Self { subject, renderer, planner: Planner::new(), others })
+    }
+
+    /// How long it takes.
+    fn draw(&mut self, look: &Look, way: &Way, ids: &[ObjectId]) -> Result<Duration> {
+        let start = Instant::now();
+        self.renderer.set_cuts(self.subject.cut_objects(way.refinement.cuts()))?;
+        let hints = Hints { cuts: ids, ..Hints::default() };
+        let view = (VIEW, look.projection, &self.others);
+        drawn::draw_with(&mut self.renderer, &mut self.planner, &self.subject.package, view, hints)?;
+        self.renderer.wait()?;
+        Ok(start.elapsed())
+    }
+
+    fn picture(&self) -> Result<RgbaImage> {
+        Ok(self.renderer.read_color(VIEW)?)
+    }
+}
+
+impl<'a> Contest<'a> {
+    /// Readies what is drawn.
+    pub fn new(options: &'a Options, view: &'a View, subject: &'a Subject, gpu: Option<&Arc<Gpu>>) -> Result<Self> {
+        let kinds = options.bounds.iter().map(|bounds| Some(bounds.kind()));
+        let name = |kind: Option<BoundsKind>| kind.map_or("without".to_owned(), |kind| format!("{kind:?}").to_lowercase());
+        let ways = std::iter::once(None).chain(kinds).map(|kind| Way::new(name(kind), kind, options.occluder_px));
+        let drawing = gpu.map(|gpu| Drawing::new(gpu, subject, [options.size; 2])).transpose()?;
+        Ok(Self { options, view, subject, ways: ways.collect(), drawing, ids: subject.ids() })
+    }
+
+    fn lod_options(&self, budget: u32, least_pixels: f32) -> LodOptions {
+        let mut occluders = LodOptions::NEVER;
+        occluders.iter_mut().zip(&self.options.occluders).for_each(|(to, steps)| *to = *steps);
+        LodOptions { budget, least_pixels, occluders, odd_levels: self.options.odd_levels }
+    }
+
+    /// Measures all frames.
+    pub fn run(mut self, scene: &str) -> Result<Table> {
+        let size_px = [self.options.size; 2];
+        let lod = self.lod_options(self.options.triangles, 0.0);
+        let mut pictures = Vec::new();
+        let first = self.view.look(self.subject, 0, self.options.size);
+        let whole = Seen::new(&first, self.subject.whole_scene(&first), size_px);
+        let fine = self.refine_finely(&first, &whole)?;
+        for frame in 0..self.options.frames {
+            let look = self.view.look(self.subject, frame, self.options.size);
+            for turn in 0..self.ways.len() {
+                // Whoever comes first has the colder caches: they take turns.
+                let at = (turn + frame as usize) % self.ways.len();
+                let way = &mut self.ways[at];
+                let refined = way.refine(self.subject, &look, &lod);
+                let drawn = self.drawing.as_mut().map(|drawing| drawing.draw(&look, way, &self.ids)).transpose()?;
+                let seen = way.seen(self.subject, &look, size_px);
+                if frame == 0 {
+                    way.figures.error = ImageError::between(&first, &seen, &whole);
+                    if let Some(drawing) = self.drawing.as_mut().filter(|_| self.options.plots.is_some()) {
+                        pictures.push((way.figures.name.clone(), drawing.picture()?));
+                        let above = self.view.above(self.subject, self.options.size);
+                        drawing.draw(&above, way, &self.ids)?;
+                        pictures.push((format!("{}-above", way.figures.name), drawing.picture()?));
+                    }
+                }
+                way.figures.visible.push(seen.triangles());
+                way.figures.triangles.push(way.refinement.triangle_count());
+                way.figures.questions.push(way.refinement.question_count());
+                way.figures.refine_ms.push(ms(refined));
+                way.figures.frame_ms.push(ms(refined + drawn.unwrap_or_default()));
+            }
+        }
+        Ok(Table {
+            view: self.view.name.to_owned(),
+            scene: scene.to_owned(),
+            copies: self.view.copies,
+            size_px,
+            triangles: self.subject.triangle_count(),
+            budget: self.options.triangles,
+            is_drawn: self.drawing.is_some(),
+            ways: self.ways.into_iter().map(|way| way.figures).collect(),
+            fine,
+            pictures,
+        })
+    }
+
+    /// Refines until no surface is wrong by so many pixels.
+    fn refine_finely(&mut self, look: &Look, whole: &Seen) -> Result<FineFigures> {
+        let lod = self.lod_options(u32::MAX, self.options.pixel_error);
+        let mut way = Way::new(String::new(), self.ways.get(1).and_then(|way| way.bounds), self.options.occluder_px);
+        way.refine(self.subject, look, &lod);
+        let seen = way.seen(self.subject, look, whole.size_px());
+        Ok(FineFigures {
+            pixel_error: self.options.pixel_error,
+            triangles: way.refinement.triangle_count(),
+            error: ImageError::between(look, &seen, whole),
+        })
+    }
+}
+
+fn ms(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}

@@ -1,0 +1,143 @@
+//! `mullion bench lod`.
+
+mod contest;
+mod figures;
+mod table;
+mod views;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use clap::ValueEnum;
+use glam::DVec3;
+use mullion_client::lod::BoundsKind;
+use serde::Serialize;
+
+use self::contest::Contest;
+use self::table::Table;
+use self::views::{VIEWS, View};
+use super::machine::Machine;
+use crate::camera::parse_point;
+use crate::commands::prepare::HowToPrepare;
+use crate::files::{claim, is_standard_output, write_json};
+use crate::say::say;
+
+/// What to simplify, and from where it is seen.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Views to measure; all if none is named: armadillo, armadillo-group, dragon, armadillo-open, planet-full, planet-near. Scans are read
+    /// from the folder that MULLION_MODELS names; where one is not there, the scene `organic` stands in.
+    #[arg(long = "view", value_name = "NAME", value_delimiter = ',')]
+    views: Vec<String>,
+    /// Another scene: a glTF, GLB or package file, or the name of a generated scene. Seen from one side, or as the view that is named.
+    #[arg(long, value_name = "NAME|FILE")]
+    scene: Option<String>,
+    /// The eye, in radii of the scene from its middle.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    eye: Option<DVec3>,
+    /// What it looks at, likewise.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    at: Option<DVec3>,
+    /// Most triangles of all objects together.
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    triangles: u32,
+    /// Bounds that are held against the occluder. The costs of the first are measured.
+    #[arg(long, value_name = "KIND", value_delimiter = ',', default_value = "link,cylinder,box,sphere")]
+    bounds: Vec<Bounds>,
+    /// Splits after which the occluder is drawn, up to four, ascending.
+    #[arg(long, value_name = "STEPS", value_delimiter = ',', default_value = "300,2500")]
+    occluders: Vec<u32>,
+    /// Ask about every other level only, as the paper does.
+    #[arg(long)]
+    odd_levels: bool,
+    /// Width and height of the occluder's picture, pixels.
+    #[arg(long, value_name = "PIXELS", default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..=4096))]
+    occluder_px: u32,
+    /// Width and height of the picture, pixels.
+    #[arg(long, value_name = "PIXELS", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    size: u32,
+    /// Frames, each half a degree from the one before.
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    frames: u64,
+    /// Also refine until no surface is wrong by more pixels, whatever the budget, and compare that with the whole mesh.
+    #[arg(long, value_name = "PIXELS", default_value_t = 1.0)]
+    pixel_error: f32,
+    /// Measure what is seen alone: nothing is drawn by the GPU.
+    #[arg(long)]
+    no_gpu: bool,
+    /// Write every figure and what machine this is (JSON; `-` for standard output).
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Draw the views, without occlusion and with, from the eye and from above, into this folder.
+    #[arg(long, value_name = "FOLDER")]
+    plots: Option<PathBuf>,
+    #[command(flatten)]
+    how: HowToPrepare,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Bounds {
+    Sphere,
+    Box,
+    Cylinder,
+    Link,
+}
+
+impl Bounds {
+    fn kind(self) -> BoundsKind {
+        match self {
+            Self::Sphere => BoundsKind::Sphere,
+            Self::Box => BoundsKind::Box,
+            Self::Cylinder => BoundsKind::Cylinder,
+            Self::Link => BoundsKind::Link,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    machine: Machine,
+    tables: &'a [Table],
+}
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    ensure!(options.occluders.is_sorted_by(|a, b| a < b), "--occluders: they do not ascend");
+    ensure!(options.occluders.len() <= 4, "--occluders: more than four");
+    ensure!(options.pixel_error > 0.0 && options.pixel_error.is_finite(), "--pixel-error: not above 0");
+    options.json.as_deref().map_or(Ok(()), claim)?;
+    options.plots.as_ref().map_or(Ok(()), |folder| {
+        std::fs::create_dir_all(folder).with_context(|| format!("--plots: cannot make {}", folder.display()))
+    })?;
+    let is_piped = options.json.as_deref().is_some_and(is_standard_output);
+    let machine = Machine::this();
+    let gpu = if options.no_gpu { None } else { super::open_gpu(is_piped) };
+    if !is_piped {
+        say!("{machine}");
+        gpu.as_ref().inspect(|gpu| say!("{}", gpu.describe()));
+        say!("");
+    }
+    let views = match (&options.views[..], &options.scene) {
+        ([], Some(_)) => vec![View::OTHER],
+        ([], None) => VIEWS.to_vec(),
+        (names, _) => views::named(names)?,
+    };
+    let mut tables = Vec::new();
+    for view in views {
+        let view = view.from(options.eye, options.at);
+        let (subject, scene) = view.open(options.scene.as_deref(), &options.how.options()?)?;
+        let table = Contest::new(options, &view, &subject, gpu.as_ref())?.run(&scene)?;
+        if !is_piped {
+            table.print();
+        }
+        if let Some(folder) = &options.plots {
+            for file in figures::draw(&table, folder)? {
+                if !is_piped {
+                    say!("{}", file.display());
+                }
+            }
+        }
+        tables.push(table);
+    }
+    options.json.as_ref().map_or(Ok(()), |path| write_json(&Report { machine, tables: &tables }, path))
+}

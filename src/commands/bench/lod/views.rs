@@ -1,0 +1,170 @@
+//! The views that are measured: the paper's, on what there is of its models.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use glam::{DAffine3, DQuat, DVec3};
+use mullion_server::prepare::PrepareOptions;
+use mullion_server::prepare::lod::{LodOptions, add_vertex_hierarchies};
+
+use crate::files::open_named_scene;
+use crate::lod::{Look, Subject};
+use crate::progress::Progress;
+
+/// A scene from one side, and how it goes on from there.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    pub name: &'static str,
+    /// A file of the folder that `MULLION_MODELS` names, and a generated scene for where there is none.
+    scene: (Option<&'static str>, &'static str),
+    /// How many stand behind each other.
+    pub copies: u32,
+    /// The eye and what it looks at, in radii of the scene from its middle.
+    eye: [f64; 3],
+    at: [f64; 3],
+    motion: Motion,
+}
+
+/// How the eye goes on, by half a degree a frame, and back again.
+#[derive(Clone, Copy, Debug)]
+enum Motion {
+    /// Around what it looks at.
+    Orbit,
+    /// It stays and looks around.
+    Turn,
+}
+
+const DEGREES_A_FRAME: f64 = 0.5;
+/// So many frames to one side.
+const AMPLITUDE: u64 = 40;
+
+/// The views, by their names.
+pub const VIEWS: [View; 6] = [
+    View {
+        name: "armadillo",
+        scene: (Some("scan_armadillo_loop_346k.glb"), "organic"),
+        copies: 1,
+        // Its hand is between.
+        eye: [0.72, 0.53, 0.455],
+        at: [0.0, 0.1, 0.0],
+        motion: Motion::Orbit,
+    },
+    View {
+        name: "armadillo-group",
+        scene: (Some("scan_armadillo_loop_346k.glb"), "organic"),
+        copies: 3,
+        eye: [0.0, 0.3, -2.0],
+        at: [0.0, 0.0, 0.0],
+        motion: Motion::Orbit,
+    },
+    View {
+        name: "dragon",
+        scene: (Some("scan_dragon_871k.glb"), "organic"),
+        copies: 1,
+        // Behind its head.
+        eye: [0.3, 1.0, 0.0],
+        at: [-0.5, 0.0, 0.0],
+        motion: Motion::Orbit,
+    },
+    View {
+        name: "armadillo-open",
+        scene: (Some("scan_armadillo_loop_346k.glb"), "organic"),
+        copies: 1,
+        eye: [0.0, 0.1, 2.4],
+        at: [0.0, 0.0, 0.0],
+        motion: Motion::Orbit,
+    },
+    View {
+        name: "planet-full",
+        scene: (None, "planet"),
+        copies: 1,
+        eye: [0.0, 0.4, 2.1],
+        at: [0.0, 0.0, 0.0],
+        motion: Motion::Orbit,
+    },
+    View {
+        name: "planet-near",
+        scene: (None, "planet"),
+        copies: 1,
+        eye: [0.0, 0.62, 0.0],
+        at: [-0.5, 0.52, 0.0],
+        motion: Motion::Turn,
+    },
+];
+
+impl View {
+    /// The eye's way into a scene that is none of the paper's.
+    pub const OTHER: Self =
+        Self { name: "scene", scene: (None, ""), copies: 1, eye: [0.7, 0.5, 2.0], at: [0.0, 0.0, 0.0], motion: Motion::Orbit };
+
+    /// A view with the eye elsewhere.
+    pub fn from(self, eye: Option<DVec3>, at: Option<DVec3>) -> Self {
+        Self { eye: eye.map_or(self.eye, DVec3::into), at: at.map_or(self.at, DVec3::into), ..self }
+    }
+
+    /// What is seen; also gives its name.
+    pub fn open(&self, named: Option<&str>, options: &PrepareOptions) -> Result<(Subject, String)> {
+        let folder = std::env::var_os("MULLION_MODELS").map(PathBuf::from);
+        let model = self.scene.0.zip(folder).map(|(file, folder)| folder.join(file)).filter(|path| path.exists());
+        let scene = match (named, model) {
+            (Some(named), _) => named.to_owned(),
+            (None, Some(model)) => model.display().to_string(),
+            (None, None) => self.scene.1.to_owned(),
+        };
+        let mut package = open_named_scene(&scene, options)?;
+        if package.scene.vertex_hierarchies.is_none() {
+            let progress = Progress::new();
+            let added = add_vertex_hierarchies(&mut package, &LodOptions::default(), &|stage, done, total| {
+                progress.show(stage, done, total)
+            });
+            progress.finish();
+            added.with_context(|| scene.clone())?;
+        }
+        let name = PathBuf::from(&scene).file_name().map_or(scene.clone(), |name| name.to_string_lossy().into_owned());
+        Ok((Subject::new(package, self.copies, self.step())?, name))
+    }
+
+    /// From one copy to the next: away from the eye.
+    fn step(&self) -> DVec3 {
+        const RADII: f64 = 1.2;
+        let away = DVec3::from(self.at) - DVec3::from(self.eye);
+        DVec3::new(away.x, 0.0, away.z).normalize_or(DVec3::NEG_Z) * RADII
+    }
+
+    /// All of it from above, as a bird sees it from behind the eye.
+    pub fn above(&self, subject: &Subject, height_px: u32) -> Look {
+        let radius_m = subject.bounds.size().length() / 2.0;
+        let middle = subject.bounds.center();
+        let behind = DVec3::from(self.eye).with_y(0.0).normalize_or(DVec3::Z) * 1.6 + DVec3::Y * 2.0;
+        let last = self.step() * radius_m * f64::from(self.copies - 1) / 2.0;
+        let reach = radius_m + last.length();
+        Look::new(middle + last + behind * reach, middle + last, radius_m * 1e-3, height_px)
+    }
+
+    /// A frame of its way.
+    pub fn look(&self, subject: &Subject, frame: u64, height_px: u32) -> Look {
+        let radius_m = subject.bounds.size().length() / 2.0;
+        let place = |radii: [f64; 3]| subject.bounds.center() + DVec3::from(radii) * radius_m;
+        let (eye, at) = (place(self.eye), place(self.at));
+        let there = frame % (2 * AMPLITUDE);
+        let steps = there.min(2 * AMPLITUDE - there);
+        let turn = DAffine3::from_quat(DQuat::from_rotation_y((steps as f64 * DEGREES_A_FRAME).to_radians()));
+        let around = |middle: DVec3, p: DVec3| middle + turn.transform_vector3(p - middle);
+        let (eye, at) = match self.motion {
+            Motion::Orbit => (around(at, eye), at),
+            Motion::Turn => (eye, around(eye, at)),
+        };
+        Look::new(eye, at, radius_m * 1e-3, height_px)
+    }
+}
+
+/// The views of these names, or all.
+pub fn named(names: &[String]) -> Result<Vec<View>> {
+    let known = || VIEWS.iter().map(|view| view.name).collect::<Vec<_>>().join(", ");
+    let of = |name: &String| {
+        let found = VIEWS.iter().find(|view| view.name == name).copied();
+        found.with_context(|| format!("--view: there is no {name:?}; there are {}", known()))
+    };
+    ensure!(!names.is_empty(), "--view: none is named");
+    names.iter().map(of).collect()
+}

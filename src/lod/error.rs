@@ -1,0 +1,92 @@
+//! How far a picture of a simplified mesh is from that of the whole one, in pixels.
+//!
+//! Of each pixel of either picture the point that is seen there is held against the surface that the other shows nearby: its distance from
+//! the planes of the triangles around the same pixel, or from points seen further around, whichever is least, as pixels at its own distance.
+//! Where the other shows nothing near, it is the distance to where it does in the picture.
+
+use glam::{DMat4, DVec3, Vec3};
+
+use super::{Look, Seen};
+use crate::item_buffer::NOTHING;
+
+/// How far around a pixel the other picture is searched. No error is greater.
+const REACH_PX: i32 = 8;
+
+/// Distances in pixels, over all pixels at which either picture shows something.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct ImageError {
+    pub mean_px: f64,
+    /// The 99th percentile.
+    pub p99_px: f64,
+}
+
+/// What is seen at a pixel.
+#[derive(Clone, Copy)]
+struct Sample {
+    point: Vec3,
+    normal: Vec3,
+}
+
+impl ImageError {
+    /// Of two pictures of the same look.
+    pub fn between(look: &Look, a: &Seen, b: &Seen) -> Self {
+        let (of_a, of_b) = (samples(look, a), samples(look, b));
+        let mut errors = errors(look, a, &of_a, &of_b);
+        errors.extend(self::errors(look, b, &of_b, &of_a));
+        errors.sort_unstable_by(f32::total_cmp);
+        let mean_px = errors.iter().map(|e| f64::from(*e)).sum::<f64>() / errors.len().max(1) as f64;
+        let p99_px = errors.get(errors.len() * 99 / 100).copied().unwrap_or(0.0).into();
+        Self { mean_px, p99_px }
+    }
+}
+
+fn samples(look: &Look, seen: &Seen) -> Vec<Option<Sample>> {
+    let offset_from_clip: DMat4 = look.projection.clip_from_offset.inverse();
+    let [width, height] = seen.size_px.map(f64::from);
+    let sample = |(at, (item, depth)): (usize, (&u32, &f32))| {
+        if *item == NOTHING {
+            return None;
+        }
+        let (x, y) = (at % seen.size_px[0] as usize, at / seen.size_px[0] as usize);
+        let (x, y) = ((x as f64 + 0.5) / width * 2.0 - 1.0, 1.0 - (y as f64 + 0.5) / height * 2.0);
+        let point = offset_from_clip.project_point3(DVec3::new(x, y, f64::from(*depth))).as_vec3();
+        let [a, b, c] = seen.scene.corners(*item);
+        Some(Sample { point, normal: (b - a).cross(c - a).normalize_or_zero() })
+    };
+    seen.items.iter().zip(&seen.depths).enumerate().map(sample).collect()
+}
+
+fn errors(look: &Look, seen: &Seen, own: &[Option<Sample>], other: &[Option<Sample>]) -> Vec<f32> {
+    let [width, height] = seen.size_px.map(|size| size as i32);
+    let mut errors = Vec::new();
+    for (at, sample) in own.iter().enumerate() {
+        let Some(Sample { point, .. }) = sample else { continue };
+        let (x, y) = (at as i32 % width, at as i32 / width);
+        let pixel = point.length() / look.pixels_per_radian;
+        let mut least = REACH_PX as f32;
+        for reach in 0..=REACH_PX {
+            // What is further around is at least so far away in the picture.
+            if least <= 0.5 || (reach > 2 && least <= reach as f32) {
+                break;
+            }
+            for (dx, dy) in ring(reach) {
+                let (x, y) = (x + dx, y + dy);
+                if x < 0 || y < 0 || x >= width || y >= height {
+                    continue;
+                }
+                let Some(Sample { point: found, normal }) = other[(y * width + x) as usize] else { continue };
+                let way = *point - found;
+                let error = if reach <= 1 { way.dot(normal).abs() / pixel } else { way.length() / pixel };
+                least = least.min(error.max(reach.saturating_sub(1) as f32));
+            }
+        }
+        errors.push(least);
+    }
+    errors
+}
+
+/// Pixels at the edge of a square around one.
+fn ring(reach: i32) -> impl Iterator<Item = (i32, i32)> {
+    let edge = move |d: i32| d.abs() == reach;
+    (-reach..=reach).flat_map(move |y| (-reach..=reach).filter(move |x| edge(*x) || edge(y)).map(move |x| (x, y)))
+}

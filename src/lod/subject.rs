@@ -1,0 +1,152 @@
+//! What is simplified: a package's objects that have vertex hierarchies, once or in a row.
+
+use std::sync::Arc;
+
+use anyhow::{Context, Result, ensure};
+use glam::{DAffine3, DVec3};
+use mullion_client::gpu::CutObject;
+use mullion_client::lod::{Cut, LodObject};
+use mullion_common::geometry::Aabb;
+use mullion_common::scene::{ObjectId, Package, Transform, VertexHierarchy, VertexId};
+use mullion_common::visible_set::{LeafRange, VisibleSet};
+
+use super::Look;
+use crate::item_buffer::ItemScene;
+
+/// The objects.
+pub struct Subject {
+    /// With every copy among its objects and leaves.
+    pub package: Package,
+    hierarchies: Vec<VertexHierarchy>,
+    parts: Vec<Part>,
+    /// Of all that is simplified, in the world; of one copy.
+    pub bounds: Aabb,
+    /// Leaves that are simplified.
+    pub covered: VisibleSet,
+}
+
+struct Part {
+    hierarchy: usize,
+    object: ObjectId,
+    leaf: u32,
+    is_double_sided: bool,
+}
+
+impl Subject {
+    /// Reads a package's hierarchies and puts copies of the scene behind each other, each `step` further.
+    ///
+    /// # Errors
+    /// When the package has none, or they cannot be read.
+    pub fn new(mut package: Package, copies: u32, step: DVec3) -> Result<Self> {
+        let table = package.scene.vertex_hierarchies.clone().context("the scene has no vertex hierarchies")?;
+        let hierarchies: Result<Vec<VertexHierarchy>, _> =
+            (0..table.entries().len()).map(|number| table.decode(number, &package.scene.manifest)).collect();
+        let hierarchies = hierarchies.context("a vertex hierarchy")?;
+        ensure!(!hierarchies.is_empty(), "no object of the scene has triangles enough to be simplified");
+        let manifest = &mut package.scene.manifest;
+        let (objects, leaves) = (manifest.transforms.clone(), manifest.leaves.clone());
+        for copy in 1..copies {
+            let moved = |t: &Transform| -> Transform {
+                let affine = t.affine();
+                DAffine3 { translation: affine.translation + step * f64::from(copy), ..affine }.into()
+            };
+            let first = manifest.transforms.len() as u32;
+            manifest.transforms.extend(objects.iter().map(moved));
+            manifest.leaves.extend(leaves.iter().map(|leaf| {
+                let mut leaf = *leaf;
+                leaf.object = ObjectId(first + leaf.object.0);
+                leaf
+            }));
+        }
+        let mut first_leaf = vec![None; manifest.transforms.len()];
+        for (number, leaf) in (0..).zip(&manifest.leaves) {
+            first_leaf[leaf.object.0 as usize].get_or_insert(number);
+        }
+        let mut parts = Vec::new();
+        let own = objects.len() as u32;
+        for (number, entry) in table.entries().iter().enumerate() {
+            let materials = &hierarchies[number].base().materials;
+            let is_double_sided = materials.iter().any(|m| manifest.materials[m.0 as usize].double_sided);
+            for object in (0..copies).flat_map(|copy| entry.objects.iter().map(move |o| o.0 + copy * own)) {
+                let Some(leaf) = first_leaf[object as usize] else { continue };
+                parts.push(Part { hierarchy: number, object: ObjectId(object), leaf, is_double_sided });
+            }
+        }
+        parts.sort_unstable_by_key(|part| part.object);
+        let is_covered = |object: ObjectId| parts.binary_search_by_key(&object, |part| part.object).is_ok();
+        let of_part = (0..).zip(&manifest.leaves).filter(|(_, leaf)| is_covered(leaf.object));
+        let covered = VisibleSet::from_ranges(of_part.map(|(number, _)| LeafRange::new(number, number + 1)));
+        let corners = leaves.iter().filter(|leaf| is_covered(leaf.object)).flat_map(|leaf| {
+            let world_from_local = manifest.transforms[leaf.object.0 as usize].affine();
+            leaf.local_aabb().corners().map(|corner| world_from_local.transform_point3(corner))
+        });
+        let bounds = Aabb::of_points(corners);
+        Ok(Self { package, hierarchies, parts, bounds, covered })
+    }
+
+    /// As refinement takes them.
+    pub fn objects(&self) -> Vec<LodObject<'_>> {
+        let transforms = &self.package.scene.manifest.transforms;
+        let object = |part: &Part| LodObject {
+            hierarchy: &self.hierarchies[part.hierarchy],
+            world_from_local: transforms[part.object.0 as usize].affine(),
+            is_double_sided: part.is_double_sided,
+        };
+        self.parts.iter().map(object).collect()
+    }
+
+    /// Which they are.
+    pub fn ids(&self) -> Vec<ObjectId> {
+        self.parts.iter().map(|part| part.object).collect()
+    }
+
+    /// As they are drawn.
+    pub fn cut_objects<'a>(&'a self, cuts: &'a [Cut]) -> impl Iterator<Item = CutObject<'a>> {
+        self.parts.iter().zip(cuts).map(|(part, cut)| CutObject {
+            object: part.object,
+            leaf: part.leaf,
+            hierarchy: &self.hierarchies[part.hierarchy],
+            cut,
+        })
+    }
+
+    /// Triangles of all hierarchies' objects.
+    pub fn triangle_count(&self) -> u64 {
+        self.parts.iter().map(|part| u64::from(self.hierarchies[part.hierarchy].triangle_count())).sum()
+    }
+
+    /// Triangles of cuts, relative to an eye.
+    pub fn cut_scene(&self, look: &Look, cuts: &[Cut]) -> ItemScene {
+        let eye = look.projection.eye;
+        let objects = self.objects();
+        let triangles = objects.iter().zip(cuts).flat_map(|(object, cut)| {
+            let from_local = DAffine3::from_translation(-eye) * object.world_from_local;
+            let place = move |v: VertexId| from_local.transform_point3(object.hierarchy.position(v).as_dvec3()).as_vec3();
+            let is_mirrored = object.world_from_local.matrix3.determinant() < 0.0;
+            cut.triangles(object.hierarchy).map(move |[a, b, c]| {
+                let corners = if is_mirrored { [a, c, b] } else { [a, b, c] };
+                (corners.map(place), object.is_double_sided)
+            })
+        });
+        ItemScene::of_triangles(eye, triangles)
+    }
+
+    /// All triangles, relative to an eye: every split is made.
+    pub fn whole_scene(&self, look: &Look) -> ItemScene {
+        let all = |part: &Part| {
+            let hierarchy = &self.hierarchies[part.hierarchy];
+            let mut cut = Cut::new(hierarchy);
+            let leads: Vec<VertexId> =
+                (hierarchy.base_count()..hierarchy.vertex_count()).map(VertexId).filter(|v| !hierarchy.is_follower(*v)).collect();
+            cut.follow(hierarchy, &leads, |_| true);
+            cut
+        };
+        let cuts: Vec<Cut> = self.parts.iter().map(all).collect();
+        self.cut_scene(look, &cuts)
+    }
+
+    /// The package for a renderer: shared.
+    pub fn manifest(&self) -> Arc<mullion_common::scene::SceneManifest> {
+        Arc::new(self.package.scene.manifest.clone())
+    }
+}
