@@ -241,6 +241,14 @@ impl VisibleSet {
         }
     }
 
+    /// Whether any leaf is in both sets.
+    pub fn meets(&self, other: &Self) -> bool {
+        other.ranges.iter().any(|range| {
+            let at = self.ranges.partition_point(|own| own.end <= range.start);
+            self.ranges.get(at).is_some_and(|own| own.start < range.end)
+        })
+    }
+
     /// Whether every leaf of `other` is in this set.
     pub fn is_superset_of(&self, other: &Self) -> bool {
         let mut missing = Self::default();

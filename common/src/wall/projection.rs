@@ -1,8 +1,8 @@
 //! Off-axis projections: from the world to a tile's clip space.
 
-use glam::{DAffine3, DMat3, DMat4, DVec3, Mat4, Vec4};
+use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, Mat4, Vec4};
 
-use crate::geometry::Frustum;
+use crate::geometry::{Frustum, Plane};
 
 /// How one view projects the world.
 ///
@@ -42,6 +42,44 @@ impl Projection {
             eye: world_from_room.transform_point3(eye),
             clip_from_offset: clip_from_screen * DMat4::from_mat3(screen_from_room * room_from_offset),
         }
+    }
+
+    /// A projection of all that planes through an eye have on their positive side; others are not asked. `None` where that is too wide for
+    /// one picture, or nothing, or where planes do not go through the eye.
+    ///
+    /// Every machine finds the same, whatever tiles the planes come from.
+    pub fn within(eye: DVec3, planes: &[Plane], near_m: f64) -> Option<Self> {
+        /// The least cosine between the picture's middle and a corner: a right angle from edge to edge, and a half.
+        const LEAST_COSINE: f64 = 0.35;
+        const SLACK: f64 = 1e-6;
+        let scale = 1.0 + eye.abs().max_element();
+        let sides: Vec<DVec3> =
+            planes.iter().filter(|plane| plane.distance_m(eye).abs() < SLACK * scale).map(|plane| plane.normal).collect();
+        let mut rays: Vec<DVec3> = Vec::new();
+        for (k, a) in sides.iter().enumerate() {
+            for b in &sides[k + 1..] {
+                let Some(edge) = a.cross(*b).try_normalize() else { continue };
+                let is_inside = |ray: &DVec3| sides.iter().all(|side| side.dot(*ray) > -SLACK);
+                rays.extend([edge, -edge].into_iter().filter(is_inside));
+            }
+        }
+        let forward = rays.iter().sum::<DVec3>().try_normalize().filter(|_| rays.len() > 2)?;
+        if rays.iter().any(|ray| ray.dot(forward) < LEAST_COSINE) {
+            return None;
+        }
+        // Along the first side, so that a wall stands upright in the picture or lies.
+        let back = -forward;
+        let right = sides.first()?.reject_from_normalized(back).try_normalize()?;
+        let up = back.cross(right);
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for ray in &rays {
+            let at = DVec2::new(ray.dot(right), ray.dot(up)) / ray.dot(forward);
+            (low, high) = (low.min(at), high.max(at));
+        }
+        let room = DAffine3 { matrix3: DMat3::from_cols(right, up, back), translation: eye };
+        let corner = |x: f64, y: f64| DVec3::new(x, y, -1.0);
+        let corners = [corner(low.x, low.y), corner(high.x, low.y), corner(low.x, high.y)];
+        Some(Self::through_rectangle(DVec3::ZERO, corners, near_m, &room))
     }
 
     /// `clip_from_local` of an object, rounded once to `f32`: the products are taken in `f64` relative to the eye,
@@ -112,6 +150,46 @@ mod tests {
                 prop_assert!(distance_m.abs() < 1e-3 || (distance_m > 0.0) == (value > 0.0), "{distance_m} {value}");
             }
         }
+    }
+
+    proptest! {
+        /// The picture within a frustum's sides holds what the frustum does.
+        #[test]
+        fn what_is_within_planes_is_in_the_picture(
+            eye in (-1.0..1.0f64, -1.0..1.0f64, 0.8..4.0f64),
+            (x, y) in (0.01..0.99f64, 0.01..0.99f64),
+            turn in 0.0..6.0f64,
+            away in 1.0..50.0f64,
+        ) {
+            let corners = [DVec3::new(-1.0, -0.5, 0.0), DVec3::new(1.5, -0.5, 0.0), DVec3::new(-1.0, 0.7, 0.0)];
+            let world_from_room = DAffine3::from_rotation_translation(DQuat::from_rotation_y(turn), DVec3::new(100.0, -5.0, 3.0));
+            let eye = DVec3::from(eye);
+            let planes = world_frustum(eye, corners, 0.1, &world_from_room).planes;
+            let world_eye = world_from_room.transform_point3(eye);
+            let Some(within) = Projection::within(world_eye, &planes, 0.01) else {
+                prop_assume!(false);
+                unreachable!()
+            };
+            let on_wall = corners[0] + (corners[1] - corners[0]) * x + (corners[2] - corners[0]) * y;
+            let clip = within.clip(world_from_room.transform_point3(eye + (on_wall - eye) * away));
+            prop_assert!(clip.w > 0.0 && clip.x.abs() <= clip.w * 1.0001 && clip.y.abs() <= clip.w * 1.0001, "{clip}");
+            // And not much more.
+            let corner = within.clip(world_from_room.transform_point3(corners[0]));
+            prop_assert!((corner.x / corner.w).abs().max((corner.y / corner.w).abs()) > 0.6, "{corner}");
+        }
+    }
+
+    #[test]
+    fn what_is_too_wide_for_a_picture_has_none() {
+        let eye = DVec3::new(1.0, 2.0, 3.0);
+        let plane = |x: f64, y: f64, z: f64| Plane::through(eye, DVec3::new(x, y, z).normalize());
+        assert!(Projection::within(eye, &[], 0.1).is_none());
+        assert!(Projection::within(eye, &[plane(0.0, 0.0, -1.0)], 0.1).is_none(), "a half space");
+        let wide = [plane(0.1, 0.0, -1.0), plane(-0.1, 0.0, -1.0), plane(0.0, 0.1, -1.0), plane(0.0, -0.1, -1.0)];
+        assert!(Projection::within(eye, &wide, 0.1).is_none());
+        let right_angle = [plane(1.0, 0.0, -1.0), plane(-1.0, 0.0, -1.0), plane(0.0, 1.0, -1.0), plane(0.0, -1.0, -1.0)];
+        assert!(Projection::within(eye, &right_angle, 0.1).is_some());
+        assert!(Projection::within(eye + DVec3::X, &right_angle, 0.1).is_none(), "planes of another eye");
     }
 
     #[test]

@@ -28,10 +28,11 @@ mod table;
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::MaterialId;
+use crate::geometry::Aabb;
 
 pub use bounds::{NodeAxis, NodeBounds, NodeExtent, PackedBounds};
 pub use bytes::{BlockParts, VertexHierarchyError};
@@ -318,6 +319,23 @@ impl VertexHierarchy {
         let of_base = self.base.triangles[range].iter().enumerate().filter(move |(_, t)| t[1] == a && t[2] == b);
         let made = if self.is_base(maker) { None } else { self.link(maker).number_of(a, b) };
         of_base.map(|(number, _)| number as u32).chain(made).map(move |number| TrianglePlace { maker, number })
+    }
+
+    /// What encloses whatever is drawn of it.
+    pub fn local_aabb(&self) -> Aabb {
+        let corner = |p: [f32; 3]| DVec3::from(p.map(f64::from));
+        Aabb { min: corner(self.base.local_min), max: corner(self.base.local_max) }
+    }
+
+    /// What it takes of memory as far as it is there, bytes.
+    pub fn memory_bytes(&self) -> u64 {
+        let Self { base, vertices, splits, links, link_starts, base_starts, last_child, next_sibling, finest, .. } = self;
+        let words = [links, link_starts, base_starts, last_child, next_sibling, finest].map(|array| size_of_val(&array[..]));
+        let of_vertices = [&base.vertices, vertices].map(|data| {
+            size_of_val(&data.positions[..]) + size_of_val(&data.uvs[..]) + size_of_val(&data.colors[..]) + data.parts.len()
+        });
+        let others = size_of_val(&splits[..]) + size_of_val(&base.triangles[..]);
+        (words.iter().sum::<usize>() + of_vertices.iter().sum::<usize>() + others) as u64
     }
 
     /// What the hierarchy takes beside the vertices' positions, texture coordinates and colours, as bytes that are stored.
