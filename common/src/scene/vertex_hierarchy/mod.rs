@@ -22,6 +22,7 @@
 mod bounds;
 mod bytes;
 mod check;
+mod index;
 mod link;
 mod table;
 
@@ -35,6 +36,7 @@ use super::MaterialId;
 
 pub use bounds::{NodeAxis, NodeBounds, NodeExtent, PackedBounds};
 pub use bytes::{BlockParts, VertexHierarchyError};
+pub use index::{BlobRef, HierarchyIndex, IndexedHierarchy, MAX_HIERARCHY_BLOB_BYTES};
 pub use link::{Link, LinkShape, MAX_LINK};
 pub use table::{HierarchyEntry, HierarchyTable, MAX_HIERARCHIES};
 
