@@ -196,14 +196,14 @@ impl Hierarchies {
         }
     }
 
-    /// A blob does not come: gives up the hierarchies whose it is; whether there were any.
-    pub fn give_up_asked(&mut self, hash: ChunkHash) -> bool {
-        let mut found = false;
-        while let Some((_, place)) = self.asked.iter().find(|(asked, _)| *asked == hash) {
-            self.give_up(place.hierarchy);
-            found = true;
+    /// A blob does not come: gives up the hierarchies whose it is, and gives which they are.
+    pub fn give_up_asked(&mut self, hash: ChunkHash) -> Vec<u32> {
+        let mut given_up = Vec::new();
+        while let Some(hierarchy) = self.asked.iter().find(|(asked, _)| *asked == hash).map(|(_, place)| place.hierarchy) {
+            self.give_up(hierarchy);
+            given_up.push(hierarchy);
         }
-        found
+        given_up
     }
 
     /// What was asked for will not come: the connection is gone.
@@ -297,7 +297,7 @@ mod tests {
         assert_eq!(take(&mut hierarchies, 0, 1), []);
         hierarchies.resize(0, 50);
         assert_eq!(hierarchies.bytes(), 0, "what the painter says late changes nothing");
-        assert!(hierarchies.give_up_asked(blob_of(3, 2).hash) && !hierarchies.give_up_asked(blob_of(3, 2).hash));
+        assert_eq!([(), ()].map(|()| hierarchies.give_up_asked(blob_of(3, 2).hash)), [vec![2], vec![]]);
         hierarchies.forget_asked();
         assert_eq!(ask_all(&mut hierarchies), [(0, 1)]);
     }

@@ -45,13 +45,20 @@ pub trait Painter {
     }
     /// Take the next blob of a vertex hierarchy, whose hash is right, for frames that are drawn in detail: once for each, in their order, the
     /// base first. `number` is the same for all of a hierarchy, `objects` are those in whose leaves' place it is drawn, from the base on. It
-    /// stays until a scene is opened. Gives how many bytes the hierarchy takes as far as it has come; none where the blob is no part of one
+    /// stays until it is forgotten, or a scene is opened. Gives how many bytes the hierarchy takes as far as it has come; none where the blob is no part of one
     /// after those before: then nothing more comes of it, and its objects are drawn from their leaves. Who draws no hierarchies gives none.
     ///
     /// # Errors
     /// See [`PaintError`].
     fn take_hierarchy(&mut self, _number: u32, _objects: &[ObjectId], _blob: &[u8]) -> Result<Option<u64>, PaintError> {
         Ok(None)
+    }
+    /// Forget a hierarchy, if any of it was taken: what follows does not come, and its objects are drawn from their leaves.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn forget_hierarchy(&mut self, _number: u32) -> Result<(), PaintError> {
+        Ok(())
     }
     /// The scene has more objects, leaves, materials and chunks, behind those that it had: what was taken and told stays.
     ///
@@ -361,6 +368,7 @@ impl Easel<'_> {
                     let taken = self.painter.take_hierarchy(number, &objects, &blob)?;
                     self.session.hierarchy_taken(number, taken);
                 }
+                Action::ForgetHierarchy(number) => self.painter.forget_hierarchy(number)?,
                 Action::GrowScene(manifest) => self.painter.grow_scene(&manifest)?,
                 Action::Upload { chunk, bytes } => {
                     let taken = self.painter.upload(chunk, &bytes)?;

@@ -172,6 +172,7 @@ impl<F: FnMut(Step<'_>)> Node<F> {
                 | Action::OpenScene(..)
                 | Action::TakeTessellation(_)
                 | Action::TakeHierarchy { .. }
+                | Action::ForgetHierarchy(_)
                 | Action::GrowScene(_) => {}
                 Action::Upload { .. } | Action::Evict(_) | Action::SetTransform(_) => {}
             }

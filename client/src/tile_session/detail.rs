@@ -74,7 +74,7 @@ impl TileSession {
             Some(bytes) => scene.hierarchies.resize(number, bytes),
             None => {
                 scene.hierarchies.give_up(number);
-                self.fall_back();
+                self.fall_back(number);
             }
         }
         if let Some(scene) = &mut self.scene {
@@ -85,16 +85,18 @@ impl TileSession {
     /// A blob came damaged too often: the objects of its hierarchies are drawn from their leaves. Whether it is of any.
     pub(super) fn give_up_hierarchies(&mut self, hash: ChunkHash) -> bool {
         let Some(scene) = &mut self.scene else { return false };
-        let is_of_some = scene.hierarchies.give_up_asked(hash);
+        let given_up = scene.hierarchies.give_up_asked(hash);
         scene.residency.set_lasting(scene.hierarchies.bytes());
-        if is_of_some {
-            self.fall_back();
+        for number in &given_up {
+            self.fall_back(*number);
+            self.actions.push_back(Action::ForgetHierarchy(*number));
         }
-        is_of_some
+        !given_up.is_empty()
     }
 
-    /// Frames lack other chunks than was found.
-    fn fall_back(&mut self) {
+    /// Nothing comes of a hierarchy any more, and frames lack other chunks than was found.
+    fn fall_back(&mut self, given_up: u32) {
+        self.actions.retain(|action| !matches!(action, Action::TakeHierarchy { number, .. } if *number == given_up));
         self.lack.is_outdated = true;
         if let Some(scene) = &mut self.scene {
             scene.prefetch.look_again();

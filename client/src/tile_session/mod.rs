@@ -139,6 +139,8 @@ pub enum Action {
         /// The base, or the block behind those before.
         blob: Vec<u8>,
     },
+    /// Forget a hierarchy, of which more does not come: its objects are drawn from their leaves.
+    ForgetHierarchy(u32),
     /// The scene has more: what it had keeps its numbers, and chunks stay.
     GrowScene(Arc<SceneManifest>),
     /// Take a chunk's bytes, whose hash is right.
@@ -306,7 +308,8 @@ impl TileSession {
         // What the painter holds must stay what this session believes it holds.
         use Action as A;
         let is_kept = |action: &A| {
-            matches!(action, A::OpenScene(..) | A::TakeTessellation(_) | A::TakeHierarchy { .. } | A::GrowScene(_))
+            matches!(action, A::OpenScene(..) | A::TakeTessellation(_) | A::GrowScene(_))
+                || matches!(action, A::TakeHierarchy { .. } | A::ForgetHierarchy(_))
                 || matches!(action, A::Upload { .. } | A::Evict(_) | A::SetTransform(_))
         };
         self.actions.retain(is_kept);

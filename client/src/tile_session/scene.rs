@@ -89,7 +89,9 @@ impl TileSession {
                 } else {
                     self.scene = None;
                     // What comes of them is said of the scene that is open then.
-                    self.actions.retain(|action| !matches!(action, Action::TakeHierarchy { .. }));
+                    let is_of_them =
+                        |action: &Action| matches!(action, Action::TakeHierarchy { .. } | Action::ForgetHierarchy(_));
+                    self.actions.retain(|action| !is_of_them(action));
                 }
                 (self.tessellation, self.index) = (tessellation, index);
             }

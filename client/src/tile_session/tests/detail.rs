@@ -213,9 +213,23 @@ fn one_that_always_comes_damaged_costs_its_own_object() {
         assert_eq!(paint(&mut session, None), [Action::Fetch(vec![name(0, 0)])]);
     }
     session.handle_blob(name(0, 0).0, vec![7; 12]);
-    assert_eq!(paint(&mut session, None), [Action::Fetch(vec![hash(0)])]);
+    assert_eq!(paint(&mut session, None), [Action::ForgetHierarchy(0), Action::Fetch(vec![hash(0)])]);
     give(&mut session, 0);
     assert!(drawn_frame(&paint(&mut session, None)).views[0].missing.is_empty());
+}
+
+#[test]
+fn nothing_comes_of_one_that_was_refused_though_it_was_to_be_handed_on() {
+    let mut session = open_detailed(WhenMissing::Hold, ENOUGH_BYTES);
+    session.handle_message(in_detail(0, &[(0, 1)]));
+    paint(&mut session, None);
+    give_blob(&mut session, 0, 0);
+    paint(&mut session, None);
+    give_blob(&mut session, 0, 1);
+    give_blob(&mut session, 0, 2);
+    assert_eq!(session.poll_action(), Some(taken(0, 1)));
+    session.hierarchy_taken(0, None);
+    assert!(!actions(&mut session).contains(&taken(0, 2)));
 }
 
 #[test]
