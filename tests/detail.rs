@@ -4,6 +4,8 @@
 mod support;
 
 use std::collections::BTreeMap;
+use std::net::TcpListener;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Instant;
@@ -11,7 +13,9 @@ use std::time::Instant;
 use mullion_client::node::{self, NodeError, NodeOptions, NodeReport, PaintError};
 use mullion_client::tile_session::FrameToDraw;
 use mullion_common::scene::{ObjectId, Package, VertexHierarchy};
+use mullion_common::wall::WallConfig;
 use mullion_common::wire::Detail;
+use mullion_server::service::{ServiceError, Show, ShowOptions, run as run_show};
 use support::masters::{LIMIT, NODES, serve};
 use support::mullion;
 use support::painter::{Blank, Witness};
@@ -19,6 +23,7 @@ use tokio::sync::watch;
 
 const OPTIONS: [&str; 4] = ["--pixel-error", "1.5", "--lod-triangles", "9000"];
 const DETAIL: Detail = Detail { triangles: Some(9000), least_pixels: 1.5, hides: true };
+const WALL: &str = "[grid]\ncolumns = 2\nrows = 2\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\n";
 /// Frames after which none of a master that was killed is on its way.
 const SURELY_OF_THE_NEXT: usize = 30;
 
@@ -89,8 +94,7 @@ fn the_detail_outlives_the_master_and_is_for_those_who_come_late_too() {
     let done = |args: &[&str]| assert_eq!(mullion(args, LIMIT).code, Some(0), "{args:?}");
     done(&["generate", "planet", "--vertices", "40000", "--out", &path("planet.glb")]);
     done(&["prepare", &path("planet.glb"), "--lod", "--out", &path("palace.glb")]);
-    let wall = "[grid]\ncolumns = 2\nrows = 2\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\n";
-    std::fs::write(folder.path().join("wall.toml"), wall).expect("written");
+    std::fs::write(folder.path().join("wall.toml"), WALL).expect("written");
     let package = Package::read(&std::fs::read(path("palace.glb")).expect("it was written")).expect("a package");
     let table = package.scene.vertex_hierarchies.as_ref().expect("it has hierarchies");
     let hierarchies = (0..table.entries().len()).map(|at| table.decode(at, &package.scene.manifest).expect("a hierarchy"));
@@ -121,4 +125,34 @@ fn the_detail_outlives_the_master_and_is_for_those_who_come_late_too() {
             "{fetched} bytes: once, and no leaves"
         );
     }
+}
+
+#[test]
+fn a_show_whose_detail_cannot_be_does_not_begin() {
+    let wall = Arc::new(WallConfig::parse(WALL).expect("a wall"));
+    let refusal = |triangles: Option<u32>, least_pixels: f32| {
+        let detail = Some(Detail { triangles, least_pixels, hides: true });
+        let show = Show {
+            options: ShowOptions { detail, frames: Some(1), ..ShowOptions::for_wall(&wall) },
+            wall: Arc::clone(&wall),
+            package: Arc::default(),
+            camera: Box::new(|_| panic!("there is no frame")),
+            cull: Box::new(|_, _| ()),
+            observer: Box::new(|_| ()),
+            node_observer: Box::new(|_| ()),
+            shown_observer: Box::new(|_, _| ()),
+            stop: None,
+        };
+        match run_show(TcpListener::bind("127.0.0.1:0").expect("a port"), show) {
+            Err(error @ (ServiceError::Detail(_) | ServiceError::NoHierarchies)) => error.to_string(),
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(refusal(Some(0), 1.0), "detail: 0 triangles; there must be more");
+    for (pixels, text) in [(f32::NAN, "NaN"), (-1.0, "-1"), (f32::INFINITY, "inf")] {
+        assert_eq!(refusal(Some(5), pixels), format!("detail: {text} pixels; it must be 0 or more"));
+    }
+    assert_eq!(refusal(None, 0.0), "detail: 0 pixels and any number of triangles; that is all there is");
+    let none = "detail: the scene has no vertex hierarchies; prepare it with --lod";
+    assert_eq!([refusal(None, 1.0), refusal(Some(5), 0.0)], [none; 2]);
 }

@@ -48,6 +48,8 @@ pub struct Hierarchies {
     next: Place,
     /// Most blobs of one.
     longest: u32,
+    /// How many are not given up and have no base.
+    without_base: usize,
     bytes: u64,
     /// Hierarchies whose bases a frame lacks, by the squared distance of a leaf from the eye.
     lacking: Vec<(f64, u32)>,
@@ -62,7 +64,8 @@ impl Hierarchies {
         }
         let longest = index.hierarchies.iter().map(|indexed| indexed.blobs.len() as u32).max().unwrap_or(0);
         let known = |indexed| Known { indexed, taken: 0, is_given_up: false, is_listed: false, bytes: 0 };
-        Self { all: index.hierarchies.into_iter().map(known).collect(), of_object, longest, ..Self::default() }
+        let all: Vec<Known> = index.hierarchies.into_iter().map(known).collect();
+        Self { without_base: all.len(), all, of_object, longest, ..Self::default() }
     }
 
     /// How many there are.
@@ -98,6 +101,9 @@ impl Hierarchies {
     ) {
         out.clear();
         self.lacking.clear();
+        if self.without_base == 0 {
+            return;
+        }
         for leaf in sets.flat_map(VisibleSet::leaves) {
             let record = &manifest.leaves[leaf as usize];
             if self.lack_base_of(record.object) {
@@ -164,6 +170,7 @@ impl Hierarchies {
             let is_next = |early: &(Place, Vec<u8>), taken| early.0 == Place { blob: taken, ..place };
             while let Some(at) = self.early.iter().position(|early| is_next(early, known.taken)) {
                 let (place, bytes) = self.early.swap_remove(at);
+                self.without_base -= usize::from(known.taken == 0);
                 known.taken += 1;
                 known.bytes += bytes.len() as u64;
                 self.bytes += bytes.len() as u64;
@@ -189,8 +196,9 @@ impl Hierarchies {
     /// A hierarchy is none, or does not come.
     pub fn give_up(&mut self, hierarchy: u32) {
         self.resize(hierarchy, 0);
-        if let Some(known) = self.all.get_mut(hierarchy as usize) {
+        if let Some(known) = self.all.get_mut(hierarchy as usize).filter(|known| !known.is_given_up) {
             known.is_given_up = true;
+            self.without_base -= usize::from(known.taken == 0);
             self.asked.retain(|(_, place)| place.hierarchy != hierarchy);
             self.early.retain(|(place, _)| place.hierarchy != hierarchy);
         }
@@ -215,6 +223,8 @@ impl Hierarchies {
 
 #[cfg(test)]
 mod tests {
+    use mullion_common::scene::{ChunkId, LeafRecord, MaterialId};
+
     use super::*;
 
     /// Three hierarchies with 3, 1 and 4 blobs, for objects 0, 2 and 3.
@@ -283,6 +293,36 @@ mod tests {
         for object in [1, 4, 5] {
             assert!(!hierarchies.stand_for(ObjectId(object)) && !hierarchies.lack_base_of(ObjectId(object)));
         }
+    }
+
+    #[test]
+    fn what_a_frame_lacks_is_listed_once_and_the_nearest_first() {
+        let leaf = |object: u32, x: f32| LeafRecord {
+            object: ObjectId(object),
+            chunk: ChunkId(0),
+            material: MaterialId(0),
+            triangle_count: 1,
+            local_min: [x, 0.0, 0.0],
+            local_max: [x + 1.0, 2.0, 3.0],
+        };
+        let leaves = vec![leaf(0, 9.0), leaf(3, 5.0), leaf(1, 0.0), leaf(0, 4.0), leaf(2, 7.0)];
+        let transforms = vec![Transform::from(glam::DAffine3::IDENTITY); 5];
+        let manifest = SceneManifest { leaves, transforms: transforms.clone(), ..SceneManifest::default() };
+        let mut hierarchies = hierarchies();
+        let listed = |hierarchies: &mut Hierarchies| {
+            let (sets, mut out) = ([VisibleSet::all(4), VisibleSet::all(5)], vec![7]);
+            hierarchies.list_lacking(&manifest, &transforms, sets.iter(), DVec3::ZERO, &mut out);
+            out
+        };
+        assert_eq!(listed(&mut hierarchies), [0, 2, 1]);
+        ask_all(&mut hierarchies);
+        take(&mut hierarchies, 0, 0);
+        assert_eq!(listed(&mut hierarchies), [2, 1]);
+        hierarchies.give_up(2);
+        hierarchies.give_up(2);
+        assert_eq!(listed(&mut hierarchies), [1]);
+        take(&mut hierarchies, 2, 0);
+        assert_eq!(listed(&mut hierarchies), []);
     }
 
     #[test]

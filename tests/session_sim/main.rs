@@ -20,19 +20,20 @@
 
 mod budget;
 mod detail;
+mod node;
 mod promises;
 #[path = "../session_support/mod.rs"]
 mod session_support;
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_client::missing::WhenMissing;
-use mullion_client::tile_session::{Action, DrawStats, EndedBy, TileSession};
-use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Tessellation, Transform};
+use mullion_client::tile_session::{Action, DrawStats, EndedBy};
+use mullion_common::scene::{ChunkHash, ObjectId, Package, SectionKind, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
 use mullion_common::wire::{
@@ -40,6 +41,7 @@ use mullion_common::wire::{
 };
 use mullion_server::master::{Adaptive, FrameInput, Kind, Master, MasterOptions, ObjectLeaves, Outbox, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
+use node::Node;
 use session_support::random::Random;
 use session_support::seeds::{seeds, small_wall};
 use session_support::{OBJECTS, package, transform, visible, wall};
@@ -90,52 +92,6 @@ struct Link {
 const SHORT_OF_MEMORY_BYTES: u64 = 1000;
 /// Enough for all of it, and to fetch ahead of need.
 const ENOUGH_MEMORY_BYTES: u64 = 8 << 20;
-
-/// A process that may die; its session dies with it.
-struct Node {
-    session: TileSession,
-    name: String,
-    run: u64,
-    peer: Option<PeerId>,
-    inbox: VecDeque<Event>,
-    is_drawing: bool,
-    is_hung: bool,
-    draw_us: u64,
-    times_hung: u64,
-    /// The painter.
-    scene: Option<Arc<SceneManifest>>,
-    tessellation: Option<Arc<Tessellation>>,
-    hierarchies: detail::Taken,
-    uploaded: BTreeSet<u32>,
-    evictions: u64,
-    transforms: Vec<Transform>,
-    drawn: Option<u64>,
-    shown: Option<u64>,
-}
-
-impl Node {
-    fn new(name: &str, (when_missing, memory_bytes): (WhenMissing, u64)) -> Self {
-        Self {
-            session: TileSession::new(name, None, memory_bytes, when_missing),
-            name: name.to_owned(),
-            run: 0,
-            peer: None,
-            inbox: VecDeque::new(),
-            is_drawing: false,
-            is_hung: false,
-            draw_us: 3000,
-            times_hung: 0,
-            scene: None,
-            tessellation: None,
-            hierarchies: detail::Taken::default(),
-            uploaded: BTreeSet::new(),
-            evictions: 0,
-            transforms: Vec::new(),
-            drawn: None,
-            shown: None,
-        }
-    }
-}
 
 struct Sim {
     seed: u64,
