@@ -236,6 +236,22 @@ fn arguments_that_cannot_be() {
         refused(&[&["serve", &wall, &scene, &a, "5", &b, "6"][..], &listen].concat(), &[&a, &b]);
         refused(&[&["serve", &wall, &scene, &a, "5"][..], &listen].concat(), &[&a, &scene, "no tessellation", "prepare --plp"]);
     }
+    for pixels in ["-1", "NaN", "inf", "few"] {
+        refused(&[&["serve", &wall, &scene, "--pixel-error", pixels][..], &listen].concat(), &["--pixel-error", pixels]);
+    }
+    refused(&[&["serve", &wall, &scene, "--lod-triangles", "0"][..], &listen].concat(), &["--lod-triangles", "0"]);
+    for command in
+        [[&["serve", &wall, &scene][..], &listen].concat(), vec!["demo", "--scene", &scene, "--out", &folder.path("demo")]]
+    {
+        let with = |options: &[&'static str]| [&command[..], options].concat();
+        refused(&with(&["--pixel-error", "0"]), &["--pixel-error 0", "--lod-triangles"]);
+        refused(&with(&["--no-lod-occlusion"]), &["--no-lod-occlusion", "--pixel-error"]);
+        for options in
+            [&["--pixel-error", "1.0"][..], &["--lod-triangles", "900"], &["--pixel-error", "0", "--lod-triangles", "900"]]
+        {
+            refused(&with(options), &[options[0], &scene, "no vertex hierarchies", "mullion prepare --lod"]);
+        }
+    }
     refused(&["serve", &wall], &["SCENE"]);
     refused(&["prepare", &scene, "--out", &folder.path("x"), "--leaf-triangles", "0"], &["--leaf-triangles"]);
     refused(&["generate", "village", "--out", &folder.path("x.glb")], &["village", "city"]);

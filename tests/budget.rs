@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use mullion_common::scene::Package;
-use mullion_common::wire::{Estimate, Part};
+use mullion_common::wire::{Estimate, Part, Primary};
 use mullion_server::service::{ServiceError, Show, ShowBudget, ShowOptions, run as run_show};
 use support::masters::{LIMIT, NODES, Node, serve};
 use support::mullion;
@@ -30,9 +30,10 @@ fn prepared() -> (tempfile::TempDir, u32) {
     (folder, triangles / 10)
 }
 
-fn order(node: &Node, since: Instant) -> Estimate {
+fn order(node: &Node, since: Instant) -> (Estimate, Primary) {
     node.shows(3, since);
-    node.last().estimate.expect("the wall has a budget")
+    let frame = node.last();
+    frame.estimate.zip(frame.primary).expect("the wall has a budget")
 }
 
 #[test]
@@ -50,15 +51,15 @@ fn the_budget_outlives_the_master_and_is_for_those_who_come_late_too() {
     let late = Instant::now();
     let second = start(NODES[1]);
     let of_second = order(&second, late);
-    for order in [of_first, of_second] {
-        assert_eq!((order.triangles, order.is_complete, order.planes.len()), (triangles, false, 5), "{order:?}");
-        assert!(order.pixels_per_radian > 48.0, "{order:?}");
+    for (order, primary) in [of_first, of_second] {
+        assert_eq!((order.triangles, order.is_complete, primary.planes.len()), (triangles, false, 5), "{order:?}");
+        assert!(primary.pixels_per_radian > 48.0, "{primary:?}");
     }
     master.error_line(&[&format!("to {triangles} triangles")], 0, LIMIT);
     master.kill();
     let killed = Instant::now();
     for node in [&first, &second] {
-        assert_eq!(order(node, killed).triangles, triangles, "the standby was given the same");
+        assert_eq!(order(node, killed).0.triangles, triangles, "the standby was given the same");
     }
     [first, second].into_iter().for_each(Node::end);
 }
@@ -71,7 +72,7 @@ fn a_node_that_hardly_needs_time_gets_all_there_is() {
     let node = Node::start(NODES[0], Part::Own, &[&address]);
     let deadline = Instant::now() + LIMIT;
     // It says that it takes a microsecond.
-    while order(&node, Instant::now()).triangles < 10 * tenth {
+    while order(&node, Instant::now()).0.triangles < 10 * tenth {
         assert!(Instant::now() < deadline, "{:?}", node.last().estimate);
     }
     node.end();

@@ -19,7 +19,7 @@ use mullion_common::scene::{ChunkId, ObjectId, Package, Transform};
 use mullion_common::throughput::LEAST_TRIANGLES;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{ViewId, Wall, WallConfig};
-use mullion_common::wire::{Budget, Estimate, Moved, ViewSpec};
+use mullion_common::wire::{Budget, Estimate, Moved, Primary, ViewSpec};
 use mullion_server::generate::{GeneratedScene, write_glb};
 use mullion_server::prepare::PrepareOptions;
 use mullion_server::prepare::plp::{TessellateOptions, tessellate};
@@ -67,19 +67,20 @@ fn painter(gpu: &Arc<Gpu>, package: &Package, views: &[ViewSpec], occlusion: Occ
 /// What is to be drawn.
 struct Order {
     estimate: Option<Estimate>,
+    primary: Option<Primary>,
     of_tile: Budget,
     /// Which is removed.
     without: Option<ObjectId>,
 }
 
-const ALL: Order = Order { estimate: None, of_tile: Budget { triangles: None, gpu_us: None }, without: None };
+const ALL: Order = Order { estimate: None, primary: None, of_tile: Budget { triangles: None, gpu_us: None }, without: None };
 
 fn to_budget(package: &Package, triangles: u32, is_complete: bool) -> Order {
     let whole = wall(1);
     let eye = whole.default_eyes()[0];
     let frustum = whole.frustum(ViewId(0), eye, &world_from_room(package));
-    let estimate = Estimate { triangles, is_complete, pixels_per_radian: 100.0, planes: frustum.planes.to_vec() };
-    Order { estimate: Some(estimate), ..ALL }
+    let primary = Primary { pixels_per_radian: 100.0, planes: frustum.planes.to_vec() };
+    Order { estimate: Some(Estimate { triangles, is_complete }), primary: Some(primary), ..ALL }
 }
 
 /// The objects next before the eye.
@@ -109,7 +110,8 @@ fn draw(painter: &mut GpuPainter, package: &Package, views: &[ViewSpec], order: 
         world_from_room,
         shared_eye: world_from_room.transform_point3(eye),
         views: views.iter().map(view).collect(),
-        estimate: order.estimate.clone(),
+        estimate: order.estimate,
+        primary: order.primary.clone(),
         when_missing: WhenMissing::Hold,
         ..FrameToDraw::default()
     };

@@ -111,9 +111,11 @@ impl Growing {
             frames: None,
             sections: sections(&base, SceneSize::default(), &mut blobs).into(),
             tessellation: Some(tessellation),
+            hierarchies: None,
             insertions: vec![],
             adaptive: None,
             estimates: None,
+            detail: None,
             session_seed: [7; 32],
         };
         let when_missing = [WhenMissing::Box, WhenMissing::Nothing][(seed % 2) as usize];
@@ -259,6 +261,7 @@ impl Growing {
                     assert!(n.scene.is_some() && tessellation.cells().is_empty(), "node {node}: it comes with the scene");
                     n.tessellations += 1;
                 }
+                Action::TakeHierarchy { .. } | Action::ForgetHierarchy(_) => panic!("nobody asked for hierarchies"),
                 Action::GrowScene(manifest) => {
                     let before = n.scene.replace(Arc::clone(&manifest)).expect("a scene that grows");
                     assert_eq!(manifest.leaves[..before.leaves.len()], before.leaves[..]);

@@ -113,10 +113,10 @@ impl Estimating {
     pub fn find(&mut self, manifest: &SceneManifest, specs: &[ViewSpec], frame: &FrameToDraw) {
         let Self { tessellation, left_out, wall, is_cut, views } = self;
         *is_cut = false;
-        let order = frame.estimate.as_ref();
+        let order = frame.estimate.zip(frame.primary.as_ref());
         let of_wall = order.filter(|_| frame.views.iter().any(|view| view.budget == Budget::default()));
-        if let Some(order) = of_wall {
-            let sight = Sight { eye: frame.shared_eye, planes: &order.planes, pixels_per_radian: order.pixels_per_radian };
+        if let Some((order, primary)) = of_wall {
+            let sight = Sight { eye: frame.shared_eye, planes: &primary.planes, pixels_per_radian: primary.pixels_per_radian };
             let of_wall = Frame { tessellation, scene: manifest, sight };
             wall.leave_out(left_out);
             wall.begin(&of_wall, Solidity::default());

@@ -12,6 +12,7 @@ mod estimating;
 pub mod frame;
 pub mod gpu;
 pub mod gpu_painter;
+pub mod hierarchies;
 pub mod lod;
 pub mod master_clock;
 pub mod missing;

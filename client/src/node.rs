@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use std::{io, thread};
 
 use futures_util::StreamExt;
-use mullion_common::scene::{ChunkHash, ChunkId, SceneManifest, Tessellation};
+use mullion_common::scene::{ChunkHash, ChunkId, ObjectId, SceneManifest, Tessellation};
 use mullion_common::wire::{
     ALIVE_EVERY, Bye, ByeCode, ChunkHello, ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_TO_TILE_BYTES, MAX_WANTED, Moved, ObjectCount,
     Opening, Part, SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Want,
@@ -30,7 +30,7 @@ const MAX_UNSENT: usize = 64;
 
 /// What draws: a GPU, or a recorder in tests. Called from the thread that called [`run`].
 pub trait Painter {
-    /// A new scene or new views: forget all chunks. The picture that is shown stays.
+    /// A new scene or new views: forget all chunks and hierarchies. The picture that is shown stays.
     ///
     /// # Errors
     /// See [`PaintError`].
@@ -41,6 +41,23 @@ pub trait Painter {
     /// # Errors
     /// See [`PaintError`].
     fn take_tessellation(&mut self, _tessellation: &Arc<Tessellation>) -> Result<(), PaintError> {
+        Ok(())
+    }
+    /// Take the next blob of a vertex hierarchy, whose hash is right, for frames that are drawn in detail: once for each, in their order, the
+    /// base first. `number` is the same for all of a hierarchy, `objects` are those in whose leaves' place it is drawn, from the base on. It
+    /// stays until it is forgotten, or a scene is opened. Gives how many bytes the hierarchy takes as far as it has come; none where the blob is no part of one
+    /// after those before: then nothing more comes of it, and its objects are drawn from their leaves. Who draws no hierarchies gives none.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn take_hierarchy(&mut self, _number: u32, _objects: &[ObjectId], _blob: &[u8]) -> Result<Option<u64>, PaintError> {
+        Ok(None)
+    }
+    /// Forget a hierarchy, if any of it was taken: what follows does not come, and its objects are drawn from their leaves.
+    ///
+    /// # Errors
+    /// See [`PaintError`].
+    fn forget_hierarchy(&mut self, _number: u32) -> Result<(), PaintError> {
         Ok(())
     }
     /// The scene has more objects, leaves, materials and chunks, behind those that it had: what was taken and told stays.
@@ -63,7 +80,8 @@ pub trait Painter {
     /// # Errors
     /// See [`PaintError`].
     fn set_transform(&mut self, moved: &Moved) -> Result<(), PaintError>;
-    /// Draw and keep the picture back. The chunks of all leaves that are not listed as missing have been uploaded.
+    /// Draw and keep the picture back. The chunks of all leaves that are not listed as missing have been uploaded; where the frame is drawn in
+    /// detail, of leaves whose object has a hierarchy the texture has, and the hierarchy's base has been taken.
     ///
     /// # Errors
     /// See [`PaintError`].
@@ -346,6 +364,11 @@ impl Easel<'_> {
                 }
                 Action::OpenScene(manifest, views) => self.painter.open_scene(&manifest, &views)?,
                 Action::TakeTessellation(tessellation) => self.painter.take_tessellation(&tessellation)?,
+                Action::TakeHierarchy { number, objects, blob } => {
+                    let taken = self.painter.take_hierarchy(number, &objects, &blob)?;
+                    self.session.hierarchy_taken(number, taken);
+                }
+                Action::ForgetHierarchy(number) => self.painter.forget_hierarchy(number)?,
                 Action::GrowScene(manifest) => self.painter.grow_scene(&manifest)?,
                 Action::Upload { chunk, bytes } => {
                     let taken = self.painter.upload(chunk, &bytes)?;

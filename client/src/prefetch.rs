@@ -11,6 +11,7 @@ use glam::{DAffine3, DVec3};
 use mullion_common::scene::{ChunkId, ChunkKind, ChunkRecord, SceneManifest, Transform};
 use mullion_common::wire::ViewSpec;
 
+use crate::hierarchies::Hierarchies;
 use crate::motion::Pose;
 use crate::residency::{Residency, chunks_of};
 
@@ -71,6 +72,8 @@ pub struct Known<'a> {
     pub manifest: &'a SceneManifest,
     /// The objects' newest, by `ObjectId`.
     pub transforms: &'a [Transform],
+    /// Those that are drawn in the place of geometry, if any are.
+    pub hierarchies: Option<&'a Hierarchies>,
     pub residency: &'a Residency,
 }
 
@@ -231,8 +234,8 @@ impl Prefetch {
         None
     }
 
-    /// A chunk was evicted: there is room again, and something to look for.
-    pub fn evicted(&mut self) {
+    /// A chunk was evicted, or leaves are drawn from others than before: there is something to look for again.
+    pub fn look_again(&mut self) {
         self.rest = None;
     }
 
@@ -258,8 +261,8 @@ impl Prefetch {
     /// Those of the leaf's chunks that may be asked for. None that was asked for and not needed since: evicted, it would only be evicted
     /// again.
     fn chunks_to_ask(&self, leaf: u32, known: Known<'_>) -> impl Iterator<Item = ChunkId> {
-        let Known { manifest, residency, .. } = known;
-        chunks_of(manifest, leaf).into_iter().flatten().filter(move |chunk| {
+        let Known { manifest, hierarchies, residency, .. } = known;
+        chunks_of(manifest, hierarchies, leaf).into_iter().flatten().filter(move |chunk| {
             let asked_in = self.asked_in[chunk.0 as usize];
             let is_new = asked_in == 0 || residency.needed_in(*chunk) > asked_in;
             let is_small = u64::from(manifest.chunks[chunk.0 as usize].length) <= PREFETCH_LARGEST_BYTES;
@@ -270,12 +273,12 @@ impl Prefetch {
 
 /// Adds to `out` the chunks that lack of those leaves that an aim holds, each once, the nearest leaves' first, as far as there is room.
 pub(crate) fn seen_of(leaves: Range<u32>, aim: &Aim, known: Known<'_>, out: &mut Vec<ChunkId>) {
-    let Known { manifest, residency, .. } = known;
+    let Known { manifest, hierarchies, residency, .. } = known;
     let mut seen: Vec<Candidate> = leaves.map(|leaf| candidate(leaf, aim, known)).filter(|c| c.is_ahead).collect();
     seen.sort_unstable_by(Candidate::order);
     let mut listed: HashSet<ChunkId> = out.iter().copied().collect();
     let mut taken = residency.resident_bytes();
-    for chunk in seen.iter().flat_map(|candidate| chunks_of(manifest, candidate.leaf)).flatten() {
+    for chunk in seen.iter().flat_map(|candidate| chunks_of(manifest, hierarchies, candidate.leaf)).flatten() {
         if residency.is_resident(chunk) || !listed.insert(chunk) {
             continue;
         }
@@ -289,8 +292,13 @@ pub(crate) fn seen_of(leaves: Range<u32>, aim: &Aim, known: Known<'_>, out: &mut
 
 /// What a chunk may take on the GPU, bytes: its blob tells only roughly.
 pub(crate) fn room_of(record: &ChunkRecord) -> u64 {
-    let grows = if record.kind() == Some(ChunkKind::Texture) { TEXTURE_GROWS } else { GEOMETRY_GROWS };
-    u64::from(record.length) * grows
+    let is_texture = record.kind() == Some(ChunkKind::Texture);
+    if is_texture { u64::from(record.length) * TEXTURE_GROWS } else { geometry_room(record.length) }
+}
+
+/// What vertices and triangles that come in so many bytes may take on the GPU, bytes.
+pub(crate) fn geometry_room(length: u32) -> u64 {
+    u64::from(length) * GEOMETRY_GROWS
 }
 
 fn candidate(leaf: u32, aim: &Aim, known: Known<'_>) -> Candidate {

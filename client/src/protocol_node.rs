@@ -171,6 +171,8 @@ impl<F: FnMut(Step<'_>)> Node<F> {
                 | Action::Fetch(_)
                 | Action::OpenScene(..)
                 | Action::TakeTessellation(_)
+                | Action::TakeHierarchy { .. }
+                | Action::ForgetHierarchy(_)
                 | Action::GrowScene(_) => {}
                 Action::Upload { .. } | Action::Evict(_) | Action::SetTransform(_) => {}
             }

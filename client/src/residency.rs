@@ -4,6 +4,8 @@ use glam::DVec3;
 use mullion_common::scene::{ChunkId, SceneManifest, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
+use crate::hierarchies::Hierarchies;
+
 /// What is known of one chunk.
 #[derive(Clone, Copy, Debug, Default)]
 struct Entry {
@@ -21,6 +23,8 @@ pub struct Residency {
     entries: Vec<Entry>,
     cap_bytes: u64,
     resident_bytes: u64,
+    /// The part of them that stays whatever is short.
+    lasting_bytes: u64,
     frame: u64,
     /// Leaves that lack a chunk, by their squared distance from the eye.
     lacking: Vec<(f64, u32)>,
@@ -32,7 +36,8 @@ impl Residency {
     /// `cap_bytes`: what resident chunks may take. Too low a cap for what one frame needs is exceeded, not obeyed:
     /// see [`Residency::evict`].
     pub fn new(chunk_count: usize, cap_bytes: u64) -> Self {
-        Self { entries: vec![Entry::default(); chunk_count], cap_bytes, resident_bytes: 0, frame: 0, lacking: Vec::new() }
+        let entries = vec![Entry::default(); chunk_count];
+        Self { entries, cap_bytes, resident_bytes: 0, lasting_bytes: 0, frame: 0, lacking: Vec::new() }
     }
 
     /// The scene has so many chunks now; what is known of the first ones stays.
@@ -43,11 +48,13 @@ impl Residency {
     /// Starts a frame that draws these sets, and finds the chunks that it lacks, each once, those needed most in front:
     /// leaves by their distance from `eye` (world space, metres), of each leaf the geometry, then the texture.
     ///
-    /// `transforms` are the objects' newest, by `ObjectId`. All leaves must be in the manifest.
+    /// `transforms` are the objects' newest, by `ObjectId`. `hierarchies`: those that are drawn in the place of geometry, if any are. All leaves
+    /// must be in the manifest.
     pub fn begin_frame<'a>(
         &mut self,
         manifest: &SceneManifest,
         transforms: &[Transform],
+        hierarchies: Option<&Hierarchies>,
         sets: impl Iterator<Item = &'a VisibleSet>,
         eye: DVec3,
         missing: &mut Vec<ChunkId>,
@@ -55,7 +62,7 @@ impl Residency {
         self.frame += 1;
         self.lacking.clear();
         for leaf in sets.flat_map(VisibleSet::leaves) {
-            let chunks = chunks_of(manifest, leaf);
+            let chunks = chunks_of(manifest, hierarchies, leaf);
             let mut lacks = false;
             for chunk in chunks.into_iter().flatten() {
                 let entry = &mut self.entries[chunk.0 as usize];
@@ -72,7 +79,7 @@ impl Residency {
         self.lacking.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         missing.clear();
         for (_, leaf) in &self.lacking {
-            for chunk in chunks_of(manifest, *leaf).into_iter().flatten() {
+            for chunk in chunks_of(manifest, hierarchies, *leaf).into_iter().flatten() {
                 let entry = &mut self.entries[chunk.0 as usize];
                 if entry.bytes.is_none() && entry.listed_in != self.frame {
                     entry.listed_in = self.frame;
@@ -82,11 +89,20 @@ impl Residency {
         }
     }
 
-    /// Those leaves of a set that lack a chunk, geometry or texture. All leaves must be in the manifest.
-    pub fn missing_of(&self, manifest: &SceneManifest, set: &VisibleSet, out: &mut VisibleSet) {
+    /// Those leaves of a set that lack a chunk, geometry or texture, or the base of a hierarchy in the place of geometry. All leaves must be
+    /// in the manifest.
+    pub fn missing_of(
+        &self,
+        manifest: &SceneManifest,
+        hierarchies: Option<&Hierarchies>,
+        set: &VisibleSet,
+        out: &mut VisibleSet,
+    ) {
         out.clear();
         for leaf in set.leaves() {
-            if chunks_of(manifest, leaf).into_iter().flatten().any(|chunk| !self.is_resident(chunk)) {
+            let lacks_base = hierarchies.is_some_and(|them| them.lack_base_of(manifest.leaves[leaf as usize].object));
+            let mut chunks = chunks_of(manifest, hierarchies, leaf).into_iter().flatten();
+            if lacks_base || chunks.any(|chunk| !self.is_resident(chunk)) {
                 out.push(LeafRange::new(leaf, leaf + 1));
             }
         }
@@ -102,6 +118,12 @@ impl Residency {
         let Some(entry) = self.entries.get_mut(chunk.0 as usize) else { return };
         self.resident_bytes = self.resident_bytes - entry.bytes.unwrap_or(0) + bytes;
         entry.bytes = Some(bytes);
+    }
+
+    /// Notes that what is no chunk takes so many bytes, which no eviction gives back.
+    pub fn set_lasting(&mut self, bytes: u64) {
+        self.resident_bytes = self.resident_bytes - self.lasting_bytes + bytes;
+        self.lasting_bytes = bytes;
     }
 
     /// Chooses the chunks to evict so that the rest stays under the cap, and counts them as gone: those needed longest
@@ -140,16 +162,17 @@ impl Residency {
         self.cap_bytes
     }
 
-    /// Bytes of all resident chunks.
+    /// Bytes of all that is resident.
     pub fn resident_bytes(&self) -> u64 {
         self.resident_bytes
     }
 }
 
-/// A leaf's geometry and its texture.
-pub(crate) fn chunks_of(manifest: &SceneManifest, leaf: u32) -> [Option<ChunkId>; 2] {
+/// A leaf's geometry, where no hierarchy is drawn in its place, and its texture.
+pub(crate) fn chunks_of(manifest: &SceneManifest, hierarchies: Option<&Hierarchies>, leaf: u32) -> [Option<ChunkId>; 2] {
     let record = &manifest.leaves[leaf as usize];
-    [Some(record.chunk), manifest.materials[record.material.0 as usize].texture.map(|t| t.chunk)]
+    let has_hierarchy = hierarchies.is_some_and(|them| them.stand_for(record.object));
+    [(!has_hierarchy).then_some(record.chunk), manifest.materials[record.material.0 as usize].texture.map(|t| t.chunk)]
 }
 
 #[cfg(test)]
@@ -187,7 +210,7 @@ mod tests {
 
     fn lacks(residency: &mut Residency, scene: &SceneManifest, sets: &[&VisibleSet]) -> Vec<ChunkId> {
         let mut missing = Vec::new();
-        residency.begin_frame(scene, &scene.transforms, sets.iter().copied(), DVec3::ZERO, &mut missing);
+        residency.begin_frame(scene, &scene.transforms, None, sets.iter().copied(), DVec3::ZERO, &mut missing);
         missing
     }
 
@@ -224,6 +247,24 @@ mod tests {
         assert_eq!((gone.len(), residency.resident_bytes()), (0, 440), "what the frame needs stays, whatever the cap");
     }
 
+    #[test]
+    fn what_lasts_takes_from_the_cap_and_is_not_evicted() {
+        let (scene, mut residency) = (manifest(), Residency::new(5, 100));
+        for leaf in [6, 0] {
+            let set = VisibleSet::from_ranges([LeafRange::new(leaf, leaf + 1)]);
+            lacks(&mut residency, &scene, &[&set]).into_iter().for_each(|chunk| residency.loaded(chunk, 40));
+        }
+        let mut gone = Vec::new();
+        residency.set_lasting(20);
+        residency.evict(&mut gone);
+        assert_eq!((gone.len(), residency.resident_bytes()), (0, 100));
+        residency.set_lasting(30);
+        residency.evict(&mut gone);
+        assert_eq!((gone.as_slice(), residency.resident_bytes()), (ids(&[0]).as_slice(), 70));
+        residency.set_lasting(0);
+        assert_eq!(residency.resident_bytes(), 40);
+    }
+
     proptest! {
         #[test]
         fn eviction_keeps_what_is_needed_and_no_more_than_fits(
@@ -238,7 +279,7 @@ mod tests {
                 }
                 residency.evict(&mut gone);
                 prop_assert!(lacks(&mut residency, &scene, &[&set]).is_empty(), "what is needed stays");
-                let needed: Vec<_> = set.leaves().flat_map(|leaf| chunks_of(&scene, leaf)).flatten().collect();
+                let needed: Vec<_> = set.leaves().flat_map(|leaf| chunks_of(&scene, None, leaf)).flatten().collect();
                 let idle = (0..5).map(ChunkId).filter(|c| residency.is_resident(*c) && !needed.contains(c));
                 prop_assert!(residency.resident_bytes() <= 100 || idle.count() == 0);
             }

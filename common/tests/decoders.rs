@@ -11,7 +11,7 @@ use std::path::Path;
 
 use bolero::check;
 use mullion_common::camera_path::CameraPath;
-use mullion_common::scene::{GeometryChunk, Package, SceneManifest};
+use mullion_common::scene::{GeometryChunk, HierarchyIndex, Package, SceneManifest};
 use mullion_common::wall::WallConfig;
 use mullion_common::wire::{
     ChunkReply, MAX_CHUNK_REPLY_BYTES, MAX_CHUNK_REQUEST_BYTES, MAX_OPENING_BYTES, MAX_TO_MASTER_BYTES, MAX_TO_TILE_BYTES,
@@ -63,6 +63,7 @@ fn any_bytes() {
         let sections = [0, 1, 2, 3].map(|k| &bytes[k * quarter..(k + 1) * quarter]);
         let _ = black_box(SceneManifest::from_sections(sections));
         let _ = black_box(GeometryChunk::decode(bytes));
+        assert_modest("hierarchy index", usize::MAX / 2, bytes, || drop(black_box(HierarchyIndex::decode(bytes, 1000))));
         if let Ok(text) = str::from_utf8(bytes) {
             let _ = black_box(WallConfig::parse(text));
             let _ = black_box(CameraPath::parse(text));

@@ -2,7 +2,7 @@
 //! Method: the numbers of `docs/protocol.md` beside the constants; messages that just fit, and those that just do not.
 
 use glam::{DAffine3, DVec3};
-use mullion_common::scene::{ChunkHash, ObjectId, SectionKind, Transform};
+use mullion_common::scene::{BlobRef, ChunkHash, ObjectId, SectionKind, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleDelta, VisibleSet};
 use mullion_common::wall::{Eye, ObserverId, TileId, ViewId};
 use mullion_common::wire::codec::{self, CodecError};
@@ -161,23 +161,25 @@ fn a_manifest_keeps_to_its_caps() {
     let section = |length| SectionRef { kind: SectionKind::Leaves, hash: HASH, length };
     let tessellation = SectionRef { kind: SectionKind::Tessellation, ..section(MAX_TILE_SECTION_BYTES) };
     let sections = vec![section(MAX_TILE_SECTION_BYTES); MAX_SECTIONS];
-    let fits = ToTile::Manifest(Manifest { epoch: 1, sections, tessellation: Some(tessellation) });
+    let index = BlobRef { hash: HASH, length: MAX_TILE_SECTION_BYTES as u32 };
+    let fits = ToTile::Manifest(Manifest { epoch: 1, sections, tessellation: Some(tessellation), hierarchies: Some(index) });
     assert_eq!(tile(&fits), Ok(fits.clone()));
-    let answer_to = |sections, tessellation| {
-        let bad = Manifest { epoch: 1, sections, tessellation };
+    let answer_to = |sections, tessellation, hierarchies| {
+        let bad = Manifest { epoch: 1, sections, tessellation, hierarchies };
         let answer = unchecked(&fits, &bad);
         assert_eq!(ToTile::Manifest(bad).encode(&mut Vec::new()).err().as_ref(), answer.as_ref().err(), "both sides agree");
         answer
     };
-    let answer = |sections| answer_to(sections, None);
+    let answer = |sections| answer_to(sections, None, None);
     let many = answer(vec![section(1); MAX_SECTIONS + 1]);
     assert_eq!(many, Err(WireError::Limit { what: "sections", value: 4097, cap: 4096 }));
     let large = answer(vec![section(1), section(MAX_TILE_SECTION_BYTES + 1)]);
     let too_large = Err(WireError::Limit { what: "bytes of a section", value: 1_073_741_825, cap: 1_073_741_824 });
     assert_eq!(large, too_large);
     let longer = SectionRef { length: MAX_TILE_SECTION_BYTES + 1, ..tessellation };
-    assert_eq!(answer_to(vec![], Some(longer)), too_large);
-    assert_eq!(answer_to(vec![], Some(section(1))), Err(WireError::Bulk { what: "tessellation" }), "it is leaves");
+    assert_eq!(answer_to(vec![], Some(longer), None), too_large);
+    assert_eq!(answer_to(vec![], None, Some(BlobRef { length: index.length + 1, ..index })), too_large);
+    assert_eq!(answer_to(vec![], Some(section(1)), None), Err(WireError::Bulk { what: "tessellation" }), "it is leaves");
 }
 
 #[test]

@@ -72,9 +72,11 @@ impl Show {
             frames: None,
             sections: vec![],
             tessellation: None,
+            hierarchies: None,
             insertions: vec![],
             adaptive: Some(adaptive),
             estimates: None,
+            detail: None,
             session_seed: [1; 32],
         };
         let mut show = Self {

@@ -1,4 +1,4 @@
-//! Goal: all nodes draw to the same budget, which keeps the time that it is to keep, and no node's word or silence takes it from the others.
+//! Goal: all nodes draw in the same detail and to the same budget, which keeps the time that it is to keep, and no node's word or silence takes it from the others.
 //! Method: the master alone, driven message by message on virtual time; what drawing takes is made up. A wall of two tiles, one a node.
 
 mod outputs;
@@ -8,11 +8,11 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_common::geometry::Plane;
-use mullion_common::scene::{ChunkHash, ObjectId, Presence, SectionKind, Transform};
+use mullion_common::scene::{BlobRef, ChunkHash, ObjectId, Presence, SectionKind, Transform};
 use mullion_common::throughput::{FIRST_TRIANGLES, LEAST_TRIANGLES};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
-use mullion_common::wire::{Estimate, Hello, Moved, Opening, Part, SectionRef, Steering, ToMaster, ToTile};
+use mullion_common::wire::{Detail, Estimate, Hello, Moved, Opening, Part, Primary, SectionRef, Steering, ToMaster, ToTile};
 use mullion_server::master::{
     EstimateOptions, FrameInput, LATE_ANSWERS, Master, MasterOptions, Output, Pace, PeerId, REST_FRAMES, Spent, WallBudget,
 };
@@ -37,6 +37,12 @@ fn tessellation() -> SectionRef {
     SectionRef { kind: SectionKind::Tessellation, hash: ChunkHash([5; 32]), length: 99 }
 }
 
+const DETAIL: Detail = Detail { triangles: Some(700), least_pixels: 1.5, hides: true };
+
+fn index() -> BlobRef {
+    BlobRef { hash: ChunkHash([6; 32]), length: 44 }
+}
+
 /// What each node does in a frame: says that drawing took so long, or nothing.
 type Answers = [Option<u32>; 2];
 
@@ -59,6 +65,10 @@ impl Show {
     }
 
     fn with(estimates: EstimateOptions) -> Self {
+        Self::ordering(Some(estimates), None, Some(index()))
+    }
+
+    fn ordering(estimates: Option<EstimateOptions>, detail: Option<Detail>, hierarchies: Option<BlobRef>) -> Self {
         let options = MasterOptions {
             barrier: BarrierOptions { wait: WAIT, start_wait: Duration::ZERO, start_nodes: vec![] },
             pace: Pace::Every(PERIOD),
@@ -66,9 +76,11 @@ impl Show {
             frames: None,
             sections: vec![],
             tessellation: Some(tessellation()),
+            hierarchies,
             insertions: vec![],
             adaptive: None,
-            estimates: Some(estimates),
+            estimates,
+            detail,
             session_seed: [1; 32],
         };
         let mut show = Self {
@@ -121,11 +133,30 @@ impl Show {
         self.master.handle_message(PEERS[node], ToMaster::Ready { frame, draw_us, is_cut: true, shown: None }, self.now);
     }
 
+    /// A frame that nobody answers: what both nodes are told to do.
+    fn orders(&mut self) -> (Option<Primary>, Option<Estimate>, Option<Detail>) {
+        let outputs = self.begin();
+        let [first, second] = PEERS.map(|peer| match sent(&outputs, peer).pop() {
+            Some(ToTile::Frame(frame)) => (frame.primary.map(|primary| *primary), frame.estimate, frame.detail),
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(first, second, "all get the same");
+        self.number += 1;
+        self.now += PERIOD;
+        self.master.handle_timeout(self.now);
+        for output in outputs.into_iter().chain(self.outputs()) {
+            if let Output::Send { message, .. } = output {
+                self.master.recycle(message.bytes);
+            }
+        }
+        first
+    }
+
     /// A frame: the order that both nodes get, and what was spent. Who answers does so as soon as it can have drawn.
     fn frame(&mut self, answers: impl FnOnce(u32) -> Answers) -> (Estimate, Spent) {
         let outputs = self.begin();
         let orders = PEERS.map(|peer| match sent(&outputs, peer).pop() {
-            Some(ToTile::Frame(frame)) => frame.estimate.map(|estimate| *estimate),
+            Some(ToTile::Frame(frame)) => frame.estimate,
             other => panic!("{other:?}"),
         });
         assert_eq!(orders[0], orders[1], "all get the same");
@@ -134,7 +165,7 @@ impl Show {
                 self.master.recycle(message.bytes);
             }
         }
-        let order = orders[0].clone().expect("a budget");
+        let order = orders[0].expect("a budget");
         let (began, mut spent) = (self.now, None);
         let mut answers: Vec<(usize, u32)> =
             (0..).zip(answers(order.triangles)).filter_map(|(node, us)| Some((node, us?))).collect();
@@ -186,18 +217,9 @@ fn a_budget_of_triangles_is_given_to_all_with_each_frame() {
     show.frame(|_| [Some(100), Some(70)]); // which waits for nobody
     for _ in 0..3 {
         let (order, spent) = show.frame(|_| [Some(100), Some(70)]);
-        let expected = Estimate {
-            triangles: 5000,
-            is_complete: false,
-            pixels_per_radian: (1.5 * 64.0 / 0.4) as f32,
-            planes: show.planes.clone(),
-        };
-        assert_eq!(order, expected);
+        assert_eq!(order, Estimate { triangles: 5000, is_complete: false });
         assert_eq!(spent, Spent { triangles: 5000, is_complete: false, slowest_us: 100, is_over: false });
-        show.planes.push(Plane { normal: DVec3::Z, offset_m: 3.0 });
     }
-    show.planes = vec![Plane { normal: DVec3::Z, offset_m: 3.0 }; 20];
-    assert_eq!(show.frame(|_| [None, None]).0.planes.len(), 8, "no more than nodes take");
     let mut show = Show::new(WallBudget::Triangles(2 * SCENE));
     assert_eq!(show.frame(|_| [None, None]).0.triangles, SCENE, "there are no more");
 }
@@ -210,7 +232,44 @@ fn who_joins_late_is_told_of_the_tessellation_and_gets_the_frame_that_runs_with_
     let told = show.join(1);
     let [ToTile::Welcome(_), ToTile::Manifest(manifest), ToTile::Frame(frame)] = &told[..] else { panic!("{told:?}") };
     assert_eq!(manifest.tessellation, Some(tessellation()));
-    assert_eq!(frame.estimate.as_ref().map(|order| (order.triangles, &order.planes)), Some((5000, &show.planes)));
+    assert_eq!((frame.estimate.map(|order| order.triangles), frame.detail), (Some(5000), None));
+    assert_eq!(frame.primary.as_ref().map(|primary| &primary.planes), Some(&show.planes));
+}
+
+#[test]
+fn where_the_wall_looks_is_said_once_with_whatever_is_ordered() {
+    let of_triangles = EstimateOptions { budget: WallBudget::Triangles(5000), scene_triangles: SCENE, completes: false };
+    let estimate = Some(Estimate { triangles: 5000, is_complete: false });
+    for (options, detail) in [(Some(of_triangles.clone()), Some(DETAIL)), (None, Some(DETAIL)), (Some(of_triangles), None)] {
+        let estimate = estimate.filter(|_| options.is_some());
+        let mut show = Show::ordering(options, detail, Some(index()));
+        for _ in 0..3 {
+            let primary = Primary { pixels_per_radian: (1.5 * 64.0 / 0.4) as f32, planes: show.planes.clone() };
+            assert_eq!(show.orders(), (Some(primary), estimate, detail));
+            show.planes.push(Plane { normal: DVec3::Z, offset_m: 3.0 });
+            show.world_from_room.translation.x += 1.0;
+        }
+        show.planes = vec![Plane { normal: DVec3::Z, offset_m: 3.0 }; 20];
+        assert_eq!(show.orders().0.map(|primary| primary.planes.len()), Some(8), "no more than nodes take");
+    }
+}
+
+#[test]
+fn detail_is_ordered_where_it_was_chosen_and_there_are_hierarchies() {
+    assert_eq!(Show::ordering(None, Some(DETAIL), None).orders(), (None, None, None), "there are none");
+    assert_eq!(Show::ordering(None, None, Some(index())).orders(), (None, None, None), "nobody wants it");
+    let mut show = Show::ordering(None, Some(DETAIL), Some(index()));
+    show.master.handle_disconnected(PEERS[1], show.now);
+    show.begin();
+    let told = show.join(1);
+    let [ToTile::Welcome(_), ToTile::Manifest(manifest), ToTile::Frame(frame)] = &told[..] else { panic!("{told:?}") };
+    assert_eq!((manifest.hierarchies, frame.detail), (Some(index()), Some(DETAIL)), "who comes late is told, too");
+    let mut show = Show::ordering(None, Some(DETAIL), Some(index()));
+    for frame in 0..40 {
+        show.world_from_room = DAffine3::from_translation(DVec3::X * f64::from(frame));
+        show.orders();
+        assert!(frame < 20 || show.allocations == 0, "frame {frame}: {} allocations", show.allocations);
+    }
 }
 
 #[test]

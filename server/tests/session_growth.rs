@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
-use mullion_common::scene::{ChunkHash, ObjectId, SectionKind, Transform};
+use mullion_common::scene::{BlobRef, ChunkHash, ObjectId, SectionKind, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
@@ -33,6 +33,11 @@ fn wall() -> Arc<Wall> {
 /// Of what the show began with.
 fn tessellation() -> SectionRef {
     SectionRef { kind: SectionKind::Tessellation, hash: ChunkHash([9; 32]), length: 56 }
+}
+
+/// Of its vertex hierarchies.
+fn index() -> BlobRef {
+    BlobRef { hash: ChunkHash([8; 32]), length: 44 }
 }
 
 fn part(name: u8) -> [SectionRef; 4] {
@@ -61,9 +66,11 @@ impl Show {
             frames: None,
             sections: part(0).into(),
             tessellation: Some(tessellation()),
+            hierarchies: Some(index()),
             insertions: vec![],
             adaptive: None,
             estimates: None,
+            detail: None,
             session_seed: [1; 32],
         };
         let master = Master::new(wall(), options, Duration::ZERO);
@@ -158,7 +165,8 @@ fn growing() -> Show {
     show.frame(&[A, B]);
     show.grow(1).unwrap();
     let outputs = show.take();
-    let whole = Manifest { epoch: 2, sections: [part(0), part(1)].concat(), tessellation: Some(tessellation()) };
+    let (tessellation, hierarchies) = (Some(tessellation()), Some(index()));
+    let whole = Manifest { epoch: 2, sections: [part(0), part(1)].concat(), tessellation, hierarchies };
     for peer in [A, B] {
         assert_eq!(sent(&outputs, peer), [ToTile::Manifest(whole.clone())]);
     }

@@ -38,9 +38,11 @@ fn master() -> Master {
         frames: None,
         sections: vec![],
         tessellation: None,
+        hierarchies: None,
         insertions: vec![],
         adaptive: None,
         estimates: None,
+        detail: None,
         session_seed: [1; 32],
     };
     Master::new(wall, options, Duration::ZERO)

@@ -46,9 +46,11 @@ fn master(first_frame: u64) -> Master {
         frames: None,
         sections: vec![],
         tessellation: None,
+        hierarchies: None,
         insertions: vec![],
         adaptive: None,
         estimates: None,
+        detail: None,
         session_seed: [1; 32],
     };
     Master::new(wall(2), options, Duration::ZERO)

@@ -26,6 +26,7 @@ use mullion_server::service::{self, Rate, Show, ShowOptions, ShowReport};
 use tokio::sync::watch;
 
 use super::budget::BudgetOptions;
+use super::detail::DetailOptions;
 use super::prepare::{HowToPrepare, add_tessellation};
 use crate::birdseye::{self, Flight};
 use crate::camera::PathSource;
@@ -67,6 +68,8 @@ pub struct Options {
     adaptive: Option<f64>,
     #[command(flatten)]
     budget: BudgetOptions,
+    #[command(flatten)]
+    detail: DetailOptions,
     /// Draw the scene from above into this file (PNG): the wall's frusta at the last frame shown in red, and in yellow the bounds of leaves
     /// in them that no tile drew. With --occlusion none all are drawn, and nothing is yellow.
     #[arg(long, value_name = "FILE")]
@@ -110,6 +113,7 @@ pub const GRID_HZ: f64 = 60.0;
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
+    options.detail.check()?;
     let wall = Arc::new(options.wall.open()?);
     let layout = WallLayout::new(&wall)?;
     let path = PathSource::open(&options.path).context("--path")?;
@@ -117,6 +121,7 @@ pub fn run(options: &Options) -> Result<()> {
     options.birdseye.as_deref().map_or(Ok(()), birdseye::claim)?;
     let scene = scene_file(&options.scene, &options.out)?;
     let mut package = open_scene(&scene, &options.how.options()?)?;
+    options.detail.check_scene(&package, &options.scene)?;
     if options.budget.is_set() && package.scene.tessellation.is_none() {
         add_tessellation(&mut package, &TessellateOptions::default())?;
     }
@@ -211,6 +216,7 @@ fn start_master(
         ..ShowOptions::for_wall(wall).starting_together(wall, START_WAIT)
     };
     options.budget.apply_to(&mut show_options);
+    options.detail.apply_to(&mut show_options);
     let show = Show {
         wall: Arc::clone(wall),
         package: Arc::clone(package),

@@ -4,6 +4,7 @@ pub mod bench;
 pub mod budget;
 pub mod cull;
 pub mod demo;
+pub mod detail;
 pub mod enroll;
 pub mod generate;
 pub mod info;

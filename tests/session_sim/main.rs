@@ -10,31 +10,38 @@
 //!   over, or when nobody is live; a node that hangs is passed over once;
 //! - what a node draws is what the master saw: sets, places of objects, and every chunk there, or its leaves named as missing;
 //! - to which budget a frame is drawn is the same on all nodes, and no node draws before it has the tessellation;
+//! - so is how finely hierarchies are drawn; bases stand for leaves once they have come, blobs come to painters in their order, and only where
+//!   frames are drawn in detail; a hierarchy that is none costs its own object alone;
 //! - what is dropped in a frame is the same on all nodes, and whole objects; nothing is where nobody asked for it;
-//! - when the faults are over, every node is back in the picture, and those with enough memory have all chunks.
+//! - when the faults are over, every node is back in the picture, and those with enough memory have all chunks, and all hierarchies where frames are drawn in detail.
 //!
 //! A failing seed is printed. `MULLION_SIM_SEEDS=1000` runs more; `MULLION_SIM_SEED=n` runs one. Every wall of 64 nodes stands for twenty
 //! smaller ones.
 
 mod budget;
+mod detail;
+mod node;
 mod promises;
 #[path = "../session_support/mod.rs"]
 mod session_support;
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_client::missing::WhenMissing;
-use mullion_client::tile_session::{Action, DrawStats, EndedBy, TileSession};
-use mullion_common::scene::{ChunkHash, ObjectId, Package, SceneManifest, SectionKind, Tessellation, Transform};
+use mullion_client::tile_session::{Action, DrawStats, EndedBy};
+use mullion_common::scene::{ChunkHash, ObjectId, Package, SectionKind, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, ByeCode, Moved, ObjectCount, Opening, PROTOCOL_VERSION, SectionRef, Steering, ToTile, body_of};
+use mullion_common::wire::{
+    Bye, ByeCode, Detail, Moved, ObjectCount, Opening, PROTOCOL_VERSION, SectionRef, Steering, ToTile, body_of,
+};
 use mullion_server::master::{Adaptive, FrameInput, Kind, Master, MasterOptions, ObjectLeaves, Outbox, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
+use node::Node;
 use session_support::random::Random;
 use session_support::seeds::{seeds, small_wall};
 use session_support::{OBJECTS, package, transform, visible, wall};
@@ -85,50 +92,6 @@ struct Link {
 const SHORT_OF_MEMORY_BYTES: u64 = 1000;
 /// Enough for all of it, and to fetch ahead of need.
 const ENOUGH_MEMORY_BYTES: u64 = 8 << 20;
-
-/// A process that may die; its session dies with it.
-struct Node {
-    session: TileSession,
-    name: String,
-    run: u64,
-    peer: Option<PeerId>,
-    inbox: VecDeque<Event>,
-    is_drawing: bool,
-    is_hung: bool,
-    draw_us: u64,
-    times_hung: u64,
-    /// The painter.
-    scene: Option<Arc<SceneManifest>>,
-    tessellation: Option<Arc<Tessellation>>,
-    uploaded: BTreeSet<u32>,
-    evictions: u64,
-    transforms: Vec<Transform>,
-    drawn: Option<u64>,
-    shown: Option<u64>,
-}
-
-impl Node {
-    fn new(name: &str, (when_missing, memory_bytes): (WhenMissing, u64)) -> Self {
-        Self {
-            session: TileSession::new(name, None, memory_bytes, when_missing),
-            name: name.to_owned(),
-            run: 0,
-            peer: None,
-            inbox: VecDeque::new(),
-            is_drawing: false,
-            is_hung: false,
-            draw_us: 3000,
-            times_hung: 0,
-            scene: None,
-            tessellation: None,
-            uploaded: BTreeSet::new(),
-            evictions: 0,
-            transforms: Vec::new(),
-            drawn: None,
-            shown: None,
-        }
-    }
-}
 
 struct Sim {
     seed: u64,
@@ -189,6 +152,8 @@ impl Sim {
         }
         let (tessellation, bytes) = budget::tessellation(&package);
         blobs.insert(tessellation.hash.0, bytes);
+        let (hierarchies, of_hierarchies) = detail::hierarchies();
+        blobs.extend(of_hierarchies.into_iter().map(|bytes| (ChunkHash::of(&bytes).0, bytes)));
         for (i, record) in package.scene.manifest.chunks.iter().enumerate() {
             blobs.insert(record.hash.0, package.chunk(mullion_common::scene::ChunkId(i as u32)).to_vec());
         }
@@ -204,9 +169,11 @@ impl Sim {
             frames: None,
             sections,
             tessellation: (!seed.is_multiple_of(6)).then_some(tessellation),
+            hierarchies: (!seed.is_multiple_of(5)).then_some(hierarchies),
             insertions: vec![],
             adaptive,
             estimates: budget::of_seed(seed),
+            detail: detail::of_seed(seed),
             session_seed: [7; 32],
         };
         let nodes: Vec<Node> = wall.nodes().iter().map(|n| Node::new(&n.name, setting)).collect();
@@ -242,6 +209,11 @@ impl Sim {
             trace: 0,
             rng,
         }
+    }
+
+    /// How finely frames are drawn.
+    fn detail(&self) -> Option<Detail> {
+        self.options.detail.filter(|_| self.options.hierarchies.is_some())
     }
 
     fn at(&mut self, delay_us: u64, event: Event) {
@@ -531,10 +503,15 @@ impl Sim {
                 assert_eq!(*manifest, self.package.scene.manifest);
                 assert_eq!(views.len(), 1);
                 n.transforms.clone_from(&manifest.transforms);
-                (n.scene, n.tessellation) = (Some(manifest), None);
+                (n.scene, n.tessellation, n.hierarchies) = (Some(manifest), None, detail::Taken::default());
                 n.uploaded.clear();
             }
             Action::TakeTessellation(tessellation) => n.tessellation = Some(tessellation),
+            Action::TakeHierarchy { number, objects, blob } => {
+                let taken = n.hierarchies.take(number, &objects, &blob);
+                n.session.hierarchy_taken(number, taken);
+            }
+            Action::ForgetHierarchy(number) => n.hierarchies.forget(number),
             Action::GrowScene(_) => panic!("this scene does not grow"),
             Action::Upload { chunk, bytes } => {
                 assert_eq!(bytes, self.package.chunk(chunk));

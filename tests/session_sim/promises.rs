@@ -4,12 +4,11 @@ use std::collections::BTreeSet;
 
 use mullion_client::missing::WhenMissing;
 use mullion_client::tile_session::FrameToDraw;
-use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_server::master::FrameReleased;
 use mullion_server::swap_barrier::{NodeIndex, Standing};
 
-use super::session_support::{OBJECTS, chunks_of};
-use super::{BACK_IN_PICTURE, END, ENOUGH_MEMORY_BYTES, LEAVES, Sim, WAIT, budget};
+use super::session_support::OBJECTS;
+use super::{BACK_IN_PICTURE, END, ENOUGH_MEMORY_BYTES, LEAVES, Sim, WAIT, budget, detail};
 
 impl Sim {
     pub fn check_draw(&mut self, node: usize, frame: &FrameToDraw) {
@@ -22,12 +21,13 @@ impl Sim {
         assert!(dropped.is_empty() || self.options.adaptive.is_some());
         let n = &self.nodes[node];
         budget::check(&mut self.orders, self.options.estimates.as_ref(), frame, n.tessellation.as_ref());
+        let asked = self.detail();
+        detail::check(asked, frame, &n.hierarchies);
         let number = frame.number as usize;
         assert_eq!(frame.views[0].leaves, self.sets[number][node], "node {node}, frame {number}");
         assert_eq!(n.transforms, self.places[number], "node {node}, frame {number}");
         let manifest = n.scene.as_ref().expect("a scene is open before anything is drawn");
-        let one = |leaf| VisibleSet::from_ranges([LeafRange::new(leaf, leaf + 1)]);
-        let lacks = |leaf: &u32| chunks_of(manifest, &one(*leaf)).any(|c| !n.uploaded.contains(&c.0));
+        let lacks = |leaf: &u32| n.hierarchies.lacks(manifest, &n.uploaded, *leaf, asked.is_some());
         let lacking: Vec<u32> = frame.views[0].leaves.leaves().filter(lacks).collect();
         assert_eq!(frame.views[0].missing.leaves().collect::<Vec<_>>(), lacking, "node {node}, frame {number}");
         assert!(lacking.is_empty() || self.setting.0 != WhenMissing::Hold, "node {node}, frame {number}");
@@ -63,8 +63,11 @@ impl Sim {
             let shown_at = node.shown.map(|frame| self.released_at[frame as usize]);
             assert!(shown_at > Some(END - BACK_IN_PICTURE), "node {i} shows frame {:?} of {:?}", node.shown, self.released);
             if self.setting.1 == ENOUGH_MEMORY_BYTES {
-                let chunks = self.package.scene.manifest.chunks.len();
-                assert_eq!((node.uploaded.len(), node.evictions), (chunks, 0), "node {i} did not fetch ahead");
+                let (manifest, is_detailed) = (&self.package.scene.manifest, self.detail().is_some());
+                let chunks = (0..LEAVES).flat_map(|leaf| node.hierarchies.chunks_of(manifest, leaf, is_detailed));
+                let chunks: BTreeSet<u32> = chunks.map(|chunk| chunk.0).collect();
+                assert_eq!((&node.uploaded, node.evictions), (&chunks, 0), "node {i} did not fetch ahead");
+                assert!(!is_detailed || node.hierarchies.is_whole(), "node {i} did not fetch all of its hierarchies");
             }
             // Blobs may make a node late too: it is live from its first frame in time on, and fetches as the view moves.
             let faults = node.times_hung + 1;

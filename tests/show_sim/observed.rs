@@ -212,7 +212,8 @@ impl Observed {
         self.hold(frame.dropped.is_empty(), || {
             format!("player {player}, frame {number}: nobody counted, and something is dropped")
         });
-        let order = frame.estimate.as_ref().map(|order| (order.triangles, order.is_complete, order.planes.len()));
+        let order = frame.estimate.zip(frame.primary.as_ref());
+        let order = order.map(|(order, primary)| (order.triangles, order.is_complete, primary.planes.len()));
         self.hold(order == Some((BUDGET_TRIANGLES, false, 5)), || format!("player {player}, frame {number}: to {order:?}"));
         let is_in_time = (frame.scene_time_s - number as f64 / RATE_HZ).abs() < 1e-9;
         self.hold(is_in_time, || format!("player {player}, frame {number}: scene time {}", frame.scene_time_s));

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use mullion_client::node::{PaintError, Painter};
 use mullion_client::tile_session::{DrawStats, FrameToDraw};
-use mullion_common::scene::{ChunkId, SceneManifest};
+use mullion_common::scene::{ChunkId, ObjectId, SceneManifest};
 use mullion_common::wire::{Moved, ViewSpec};
 
 /// Who is told what a painter would do.
@@ -15,6 +15,11 @@ pub trait Witness {
     /// It draws a frame, unless the witness says that it cannot.
     fn draws(&mut self, _frame: &FrameToDraw) -> Result<(), PaintError> {
         Ok(())
+    }
+
+    /// It takes a hierarchy's next blob, and gives how many bytes that takes; none unless the witness says otherwise.
+    fn takes(&mut self, _number: u32, _objects: &[ObjectId], _blob: &[u8]) -> Option<u64> {
+        None
     }
 
     /// It shows a frame.
@@ -32,6 +37,10 @@ impl<W: Witness> Painter for Blank<W> {
 
     fn grow_scene(&mut self, _: &Arc<SceneManifest>) -> Result<(), PaintError> {
         Ok(())
+    }
+
+    fn take_hierarchy(&mut self, number: u32, objects: &[ObjectId], blob: &[u8]) -> Result<Option<u64>, PaintError> {
+        Ok(self.0.takes(number, objects, blob))
     }
 
     fn upload(&mut self, _: ChunkId, bytes: &[u8]) -> Result<u64, PaintError> {

@@ -56,20 +56,20 @@ impl<'a> Node<'a> {
     }
 
     fn known(&self) -> Known<'_> {
-        Known { manifest: self.manifest, transforms: &self.manifest.transforms, residency: &self.residency }
+        Known { manifest: self.manifest, transforms: &self.manifest.transforms, hierarchies: None, residency: &self.residency }
     }
 
     /// A frame that needs these leaves, all of whose chunks come at once.
     fn see(&mut self, set: &VisibleSet) {
         let (mut missing, mut gone) = (Vec::new(), Vec::new());
         let transforms = &self.manifest.transforms;
-        self.residency.begin_frame(self.manifest, transforms, std::iter::once(set), DVec3::ZERO, &mut missing);
+        self.residency.begin_frame(self.manifest, transforms, None, std::iter::once(set), DVec3::ZERO, &mut missing);
         for chunk in missing {
             self.residency.loaded(chunk, self.length(chunk));
         }
         self.residency.evict(&mut gone);
         if !gone.is_empty() {
-            self.prefetch.evicted();
+            self.prefetch.look_again();
         }
     }
 
@@ -83,7 +83,12 @@ impl<'a> Node<'a> {
     }
 
     fn look(&mut self, aim: &Aim) {
-        let known = Known { manifest: self.manifest, transforms: &self.manifest.transforms, residency: &self.residency };
+        let known = Known {
+            manifest: self.manifest,
+            transforms: &self.manifest.transforms,
+            hierarchies: None,
+            residency: &self.residency,
+        };
         self.prefetch.look(aim, known);
     }
 
@@ -93,7 +98,12 @@ impl<'a> Node<'a> {
         loop {
             let load = self.load();
             let held: Vec<ChunkHash> = self.on_the_way.iter().map(|(c, _)| self.manifest.chunks[c.0 as usize].hash).collect();
-            let known = Known { manifest: self.manifest, transforms: &self.manifest.transforms, residency: &self.residency };
+            let known = Known {
+                manifest: self.manifest,
+                transforms: &self.manifest.transforms,
+                hierarchies: None,
+                residency: &self.residency,
+            };
             let Some((chunk, room)) = self.prefetch.next(known, &load, |record| held.contains(&record.hash)) else { break };
             self.on_the_way.push((chunk, room));
             asked.push(chunk);
@@ -283,7 +293,7 @@ proptest! {
                     let start = a.min(places.len() as u32 - 1);
                     let set = VisibleSet::from_ranges([LeafRange::new(start, (start + b).min(places.len() as u32))]);
                     node.see(&set);
-                    for chunk in set.leaves().flat_map(|leaf| chunks_of(&manifest, leaf)).flatten() {
+                    for chunk in set.leaves().flat_map(|leaf| chunks_of(&manifest, None, leaf)).flatten() {
                         last_needed[chunk.0 as usize] = node.residency.frame();
                     }
                 }

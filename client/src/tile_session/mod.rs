@@ -9,6 +9,7 @@
 
 mod assembly;
 mod counting;
+mod detail;
 mod on_the_way;
 mod planning;
 mod scene;
@@ -17,14 +18,15 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
-use mullion_common::scene::{ChunkHash, ChunkId, ObjectId, PackageError, SceneManifest, Tessellation, Transform};
+use mullion_common::scene::{BlobRef, ChunkHash, ChunkId, ObjectId, PackageError, SceneManifest, Tessellation, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::{
-    BASE_WINDOW, Budget, Bye, ByeCode, Estimate, Frame, Hello, MAX_PARTS, MAX_WANTED, Manifest, Moved, Part, SectionRef, Shown,
-    Stats, ToMaster, ToTile, ViewSpec, Welcome,
+    BASE_WINDOW, Budget, Bye, ByeCode, Detail, Estimate, Frame, Hello, MAX_PARTS, MAX_WANTED, Manifest, Moved, Part, Primary,
+    SectionRef, Shown, Stats, ToMaster, ToTile, ViewSpec, Welcome,
 };
 
+use crate::hierarchies::Hierarchies;
 use crate::missing::WhenMissing;
 use crate::motion::Motion;
 use crate::prefetch::{PREFETCH_WINDOW, Prefetch};
@@ -56,7 +58,8 @@ pub struct ViewToDraw {
     pub budget: Budget,
     /// What it sees; all of it is in the manifest. What the frame drops is not drawn all the same.
     pub leaves: VisibleSet,
-    /// Those of them that lack a chunk yet; none where the frame was to wait for them.
+    /// Those of them that lack a chunk yet, or the base of the hierarchy that is drawn in the place of their geometry; none where the frame was
+    /// to wait for them.
     pub missing: VisibleSet,
 }
 
@@ -77,8 +80,12 @@ pub struct FrameToDraw {
     pub views: Vec<ViewToDraw>,
     /// Leaves that no view of the wall draws, though some see them: their objects hardly contribute.
     pub dropped: VisibleSet,
-    /// To which budget an estimate of what is visible is drawn, from the shared eye; `None`: all that is seen is drawn.
+    /// Where the wall looks, from the shared eye; there where an estimate or a detail is ordered.
+    pub primary: Option<Primary>,
+    /// To which budget an estimate of what is visible is drawn; `None`: all that is seen is drawn.
     pub estimate: Option<Estimate>,
+    /// How finely hierarchies are drawn, as far as they have come, in the place of their objects' leaves; `None`: leaves are drawn.
+    pub detail: Option<Detail>,
     /// What to do with leaves that are missing.
     pub when_missing: WhenMissing,
 }
@@ -86,16 +93,14 @@ pub struct FrameToDraw {
 impl FrameToDraw {
     /// Whether another frame has the same picture, as long as no object moves and no chunk comes that this one lacks.
     pub fn shows_the_same(&self, other: &Self) -> bool {
-        let Self { number: _, epoch, scene_time_s: _, world_from_room, shared_eye, views, dropped, estimate, when_missing } =
-            self;
+        let Self { number: _, epoch, scene_time_s: _, world_from_room, shared_eye, views, dropped, .. } = self;
+        let Self { primary, estimate, detail, when_missing, .. } = self;
         (epoch, world_from_room, shared_eye, when_missing)
             == (&other.epoch, &other.world_from_room, &other.shared_eye, &other.when_missing)
-            && (views, dropped) == (&other.views, &other.dropped)
+            && (views, dropped, primary, detail) == (&other.views, &other.dropped, &other.primary, &other.detail)
             && match (estimate, &other.estimate) {
                 // Whatever they might spend.
-                (Some(a), Some(b)) if a.is_complete && b.is_complete => {
-                    (a.pixels_per_radian, &a.planes) == (b.pixels_per_radian, &b.planes)
-                }
+                (Some(a), Some(b)) if a.is_complete && b.is_complete => true,
                 (a, b) => a == b,
             }
     }
@@ -125,6 +130,17 @@ pub enum Action {
     OpenScene(Arc<SceneManifest>, Arc<[ViewSpec]>),
     /// The tessellation of the scene that was just opened, which a scene without one lacks. It stays when the scene grows.
     TakeTessellation(Arc<Tessellation>),
+    /// The next blob of a vertex hierarchy of the open scene, whose hash is right: the base first. Call [`TileSession::hierarchy_taken`].
+    TakeHierarchy {
+        /// Which hierarchy.
+        number: u32,
+        /// The objects that it stands for.
+        objects: Arc<[ObjectId]>,
+        /// The base, or the block behind those before.
+        blob: Vec<u8>,
+    },
+    /// Forget a hierarchy, of which more does not come: its objects are drawn from their leaves.
+    ForgetHierarchy(u32),
     /// The scene has more: what it had keeps its numbers, and chunks stay.
     GrowScene(Arc<SceneManifest>),
     /// Take a chunk's bytes, whose hash is right.
@@ -191,6 +207,8 @@ pub struct TileSession {
     parts: Vec<[SectionRef; 4]>,
     /// Of the scene that the show began with.
     tessellation: Option<SectionRef>,
+    /// The index of its vertex hierarchies.
+    index: Option<BlobRef>,
     sections: Option<Sections>,
     scene: Option<OpenScene>,
     growth: Growth,
@@ -238,6 +256,7 @@ impl TileSession {
             announced: VecDeque::new(),
             parts: Vec::new(),
             tessellation: None,
+            index: None,
             sections: None,
             scene: None,
             growth: Growth::default(),
@@ -290,6 +309,7 @@ impl TileSession {
         use Action as A;
         let is_kept = |action: &A| {
             matches!(action, A::OpenScene(..) | A::TakeTessellation(_) | A::GrowScene(_))
+                || matches!(action, A::TakeHierarchy { .. } | A::ForgetHierarchy(_))
                 || matches!(action, A::Upload { .. } | A::Evict(_) | A::SetTransform(_))
         };
         self.actions.retain(is_kept);
@@ -306,6 +326,7 @@ impl TileSession {
         self.counting.begin_anew();
         if let Some(scene) = &mut self.scene {
             scene.prefetch.forget_asked();
+            scene.hierarchies.forget_asked();
         }
     }
 
@@ -349,6 +370,7 @@ impl TileSession {
         if self.take_section(hash, &bytes) {
             self.plan();
         } else {
+            self.take_hierarchies(hash, &bytes);
             self.take_chunk(hash, bytes);
             self.fetch_missing();
         }
@@ -393,6 +415,9 @@ impl TileSession {
 
     /// What to do next, until there is nothing. Events that come before it is asked may replace the frame to draw.
     pub fn poll_action(&mut self) -> Option<Action> {
+        if self.actions.is_empty() && std::mem::take(&mut self.lack.is_outdated) {
+            self.plan();
+        }
         self.actions.pop_front().or_else(|| self.next_draw())
     }
 
@@ -466,7 +491,7 @@ impl TileSession {
         if dropped.digest() != frame.dropped_digest {
             return Err(format!("frame {}: what is dropped is not what the master says", frame.number));
         }
-        let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, estimate, .. } = frame;
+        let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, primary, estimate, detail, .. } = frame;
         let when_missing = self.when_missing;
         self.behind = self.behind.saturating_sub(1);
         self.pending = Some(FrameToDraw {
@@ -477,7 +502,9 @@ impl TileSession {
             shared_eye,
             views,
             dropped,
-            estimate: estimate.map(|estimate| *estimate),
+            primary: primary.map(|primary| *primary),
+            estimate,
+            detail,
             when_missing,
         });
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));

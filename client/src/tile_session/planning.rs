@@ -9,14 +9,24 @@ use crate::prefetch::{AHEAD_S, Aim, Known, room_of};
 pub(super) struct Lack {
     /// Which frame; `None` where that is not worked out. Stays when the frame is drawn, until the next.
     pub frame: Option<u64>,
+    /// Its leaves are drawn from their hierarchies, where they have some.
+    pub is_detailed: bool,
+    /// Bases of hierarchies, in order of need; they come before chunks.
+    pub bases: Vec<u32>,
+    /// How many of them from the front have been asked for, or are there.
+    pub bases_asked: usize,
+    /// By hierarchy: whether its base is in `bases` and not there.
+    pub is_base_awaited: Vec<bool>,
     /// In order of need.
     chunks: Vec<ChunkId>,
     /// How many of them from the front have been asked for, or are there.
     asked: usize,
     /// By `ChunkId`: whether it is in `chunks` and not there.
     is_awaited: Vec<bool>,
-    /// How many are awaited.
-    left: usize,
+    /// How many are awaited, chunks and bases.
+    pub left: usize,
+    /// Something is not there any more that was counted on.
+    pub is_outdated: bool,
 }
 
 impl TileSession {
@@ -24,6 +34,9 @@ impl TileSession {
         let times = self.damaged.get(&hash).map_or(1, |times| times + 1);
         self.damaged.insert(hash, times);
         if times > MAX_REFETCHES {
+            if self.give_up_hierarchies(hash) {
+                return;
+            }
             return self.fail(format!("blob {hash} came damaged {times} times"));
         }
         self.fetch(vec![(hash, length)], purpose);
@@ -79,17 +92,32 @@ impl TileSession {
                 self.actions.push_back(Action::SetTransform(Moved { object, transform }));
             }
         }
-        let OpenScene { manifest, transforms, residency, prefetch, .. } = scene;
-        let sets = pending.views.iter().map(|v| &v.leaves);
-        residency.begin_frame(manifest, transforms, sets, pending.shared_eye, &mut self.lack.chunks);
+        let OpenScene { manifest, transforms, residency, prefetch, hierarchies, .. } = scene;
+        let (sets, eye) = (pending.views.iter().map(|v| &v.leaves), pending.shared_eye);
+        if self.lack.is_detailed != pending.detail.is_some() {
+            self.lack.is_detailed = pending.detail.is_some();
+            prefetch.look_again();
+        }
+        self.lack.bases.clear();
+        self.lack.bases_asked = 0;
+        if self.lack.is_detailed {
+            hierarchies.list_lacking(manifest, transforms, sets.clone(), eye, &mut self.lack.bases);
+        }
+        let hierarchies = self.lack.is_detailed.then_some(&*hierarchies);
+        residency.begin_frame(manifest, transforms, hierarchies, sets, eye, &mut self.lack.chunks);
         residency.evict(&mut self.evicted);
         self.actions.extend(self.evicted.iter().map(|chunk| Action::Evict(*chunk)));
         if !self.evicted.is_empty() {
-            prefetch.evicted();
+            prefetch.look_again();
         }
         self.lack.frame = Some(pending.number);
         self.lack.asked = 0;
-        self.lack.left = self.lack.chunks.len();
+        self.lack.left = self.lack.bases.len() + self.lack.chunks.len();
+        self.lack.is_base_awaited.clear();
+        self.lack.is_base_awaited.resize(hierarchies.map_or(0, Hierarchies::count), false);
+        for base in &self.lack.bases {
+            self.lack.is_base_awaited[*base as usize] = true;
+        }
         self.lack.is_awaited.clear();
         self.lack.is_awaited.resize(manifest.chunks.len(), false);
         for chunk in &self.lack.chunks {
@@ -101,7 +129,7 @@ impl TileSession {
             && let Some(pose) = self.motion.ahead(AHEAD_S, self.rate_hz)
         {
             let aim = Aim::through(&self.views, pending.views.iter().map(|view| view.eye), &pose);
-            prefetch.look(&aim, Known { manifest, transforms, residency });
+            prefetch.look(&aim, Known { manifest, transforms, hierarchies, residency });
         }
         self.fetch_missing();
     }
@@ -114,10 +142,11 @@ impl TileSession {
         }
         let mut frame = self.pending.take()?;
         if self.lack.left > 0
-            && let Some(OpenScene { manifest, residency, .. }) = &self.scene
+            && let Some(OpenScene { manifest, residency, hierarchies, .. }) = &self.scene
         {
+            let hierarchies = frame.detail.is_some().then_some(hierarchies);
             for view in &mut frame.views {
-                residency.missing_of(manifest, &view.leaves, &mut view.missing);
+                residency.missing_of(manifest, hierarchies, &view.leaves, &mut view.missing);
             }
         }
         // What it lacks is fetched on while it is drawn and shown.
@@ -129,9 +158,13 @@ impl TileSession {
 
     /// Asks for what the newest frame lacks, as far as may be on its way at once; where it lacks nothing, for what the next ones will need.
     pub(super) fn fetch_missing(&mut self) {
-        let Some(scene) = self.scene.as_mut().filter(|_| !self.closed && self.lack.frame.is_some()) else { return };
+        if self.closed || self.lack.frame.is_none() {
+            return;
+        }
         let mut fetch: Vec<(ChunkHash, u64)> = Vec::new();
-        while let Some(id) = self.lack.chunks.get(self.lack.asked) {
+        let has_asked_for_bases = self.fetch_bases(&mut fetch);
+        let Some(scene) = self.scene.as_mut() else { return };
+        while has_asked_for_bases && let Some(id) = self.lack.chunks.get(self.lack.asked) {
             let record = &scene.manifest.chunks[id.0 as usize];
             let length = u64::from(record.length);
             let is_asked = scene.residency.is_resident(*id) || self.on_the_way.holds(&record.hash);
@@ -144,10 +177,11 @@ impl TileSession {
             }
             self.lack.asked += 1;
         }
-        if self.lack.left == 0 && !self.fetch_growth(&mut fetch) {
+        if self.lack.left == 0 && !self.fetch_growth(&mut fetch) && !self.fetch_detail(&mut fetch) {
             let Some(scene) = &mut self.scene else { return };
-            let OpenScene { manifest, transforms, residency, prefetch, .. } = scene;
-            let (known, on_the_way) = (Known { manifest, transforms, residency }, &mut self.on_the_way);
+            let OpenScene { manifest, transforms, residency, prefetch, hierarchies, .. } = scene;
+            let hierarchies = self.lack.is_detailed.then_some(&*hierarchies);
+            let (known, on_the_way) = (Known { manifest, transforms, hierarchies, residency }, &mut self.on_the_way);
             while let Some((chunk, room)) = prefetch.next(known, on_the_way.ahead(), |record| on_the_way.holds(&record.hash)) {
                 let record = &manifest.chunks[chunk.0 as usize];
                 let length = u64::from(record.length);

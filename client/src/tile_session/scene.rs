@@ -5,6 +5,8 @@
 
 use std::collections::HashSet;
 
+use mullion_common::scene::HierarchyIndex;
+
 use super::on_the_way::Purpose;
 use super::*;
 use crate::prefetch::{Aim, Known, seen_of};
@@ -14,7 +16,7 @@ const MAX_LEAVES_LOOKED_AT: u32 = 1 << 16;
 
 /// Sections asked for at once, at most, so that they and all chunks stay below [`MAX_WANTED`].
 const SECTIONS_WINDOW: usize = 128;
-const _: () = assert!(SECTIONS_WINDOW + 4 + 1 + FETCH_WINDOW + PREFETCH_WINDOW < MAX_WANTED, "all may be on their way");
+const _: () = assert!(SECTIONS_WINDOW + 4 + 2 + FETCH_WINDOW + PREFETCH_WINDOW < MAX_WANTED, "all may be on their way");
 
 /// A scene that is being drawn.
 #[derive(Debug)]
@@ -23,6 +25,8 @@ pub(super) struct OpenScene {
     /// The sections that it came from.
     pub parts: Vec<[SectionRef; 4]>,
     pub tessellation: Option<SectionRef>,
+    pub index: Option<BlobRef>,
+    pub hierarchies: Hierarchies,
     pub transforms: Vec<Transform>,
     pub residency: Residency,
     pub prefetch: Prefetch,
@@ -47,6 +51,8 @@ pub(super) struct Sections {
     parts: Vec<PartOnTheWay>,
     /// Where the scene is not open yet: its tessellation, and what has come of it.
     tessellation: Option<(SectionRef, Option<Vec<u8>>)>,
+    /// And the index of its hierarchies.
+    index: Option<(BlobRef, Option<Vec<u8>>)>,
 }
 
 /// What is fetched of a scene that has grown before its epoch begins.
@@ -63,9 +69,9 @@ pub(super) struct Growth {
 
 impl TileSession {
     pub(super) fn take_manifest(&mut self, manifest: &Manifest) -> Result<(), String> {
-        let (parts, tessellation) = match self.needs {
-            Needs::Scene => (manifest.parts()?, manifest.tessellation),
-            Needs::Nothing => (Vec::new(), None),
+        let (parts, tessellation, index) = match self.needs {
+            Needs::Scene => (manifest.parts()?, manifest.tessellation, manifest.hierarchies),
+            Needs::Nothing => (Vec::new(), None, None),
         };
         let announced = Announced { epoch: manifest.epoch, parts: parts.len() };
         match self.announced.back() {
@@ -74,14 +80,20 @@ impl TileSession {
                 self.lack.frame = None;
                 self.acknowledged.clear();
                 self.moved_early.clear();
-                let is_of = |scene: &OpenScene| parts.starts_with(&scene.parts) && scene.tessellation == tessellation;
+                let is_of = |scene: &OpenScene| {
+                    parts.starts_with(&scene.parts) && (scene.tessellation, scene.index) == (tessellation, index)
+                };
                 let is_known = self.scene.as_ref().is_some_and(is_of) && !self.views_changed;
                 if is_known {
                     self.put_back()
                 } else {
-                    self.scene = None
+                    self.scene = None;
+                    // What comes of them is said of the scene that is open then.
+                    let is_of_them =
+                        |action: &Action| matches!(action, Action::TakeHierarchy { .. } | Action::ForgetHierarchy(_));
+                    self.actions.retain(|action| !is_of_them(action));
                 }
-                self.tessellation = tessellation;
+                (self.tessellation, self.index) = (tessellation, index);
             }
             Some(before) => {
                 let goes_on = before.epoch.checked_add(1) == Some(manifest.epoch) && self.announced.len() < MAX_PARTS;
@@ -91,6 +103,9 @@ impl TileSession {
                 }
                 if tessellation != self.tessellation {
                     return Err(format!("epoch {} has another tessellation than epoch {}", manifest.epoch, before.epoch));
+                }
+                if index != self.index {
+                    return Err(format!("epoch {} has other vertex hierarchies than epoch {}", manifest.epoch, before.epoch));
                 }
                 self.growth.owed = Some(manifest.epoch);
             }
@@ -152,6 +167,15 @@ impl TileSession {
                 fetch.push((section.hash, section.length));
             }
         }
+        if self.scene.is_none()
+            && sections.index.is_none()
+            && let Some(index) = self.index
+        {
+            sections.index = Some((index, None));
+            if !self.on_the_way.holds(&index.hash) {
+                fetch.push((index.hash, index.length.into()));
+            }
+        }
         if sections.parts.is_empty() {
             self.sections = None;
         }
@@ -188,11 +212,13 @@ impl TileSession {
         let mut manifest = SceneManifest::default();
         sections.join_to(&mut manifest)?;
         let manifest = Arc::new(manifest);
-        let tessellation = sections.tessellation(&manifest)?;
+        let (tessellation, index) = (sections.tessellation(&manifest)?, sections.index(&manifest)?);
         self.views_changed = false;
         let mut scene = OpenScene {
             parts: sections.refs().collect(),
             tessellation: self.tessellation,
+            index: self.index,
+            hierarchies: Hierarchies::new(index, manifest.transforms.len()),
             transforms: manifest.transforms.clone(),
             residency: Residency::new(manifest.chunks.len(), self.memory_bytes),
             prefetch: Prefetch::new(manifest.chunks.len()),
@@ -221,10 +247,11 @@ impl TileSession {
         let frame = self.pending.as_ref().or(self.drawing.as_deref()).or(self.acknowledged.back().map(Arc::as_ref));
         if let Some((frame, pose)) = frame.zip(self.motion.ahead(0.0, self.rate_hz)) {
             let aim = Aim::through(&self.views, frame.views.iter().map(|view| view.eye), &pose);
-            let OpenScene { manifest, transforms, residency, .. } = &scene;
+            let OpenScene { manifest, transforms, residency, hierarchies, .. } = &scene;
+            let hierarchies = frame.detail.is_some().then_some(hierarchies);
             self.growth.chunks.drain(..self.growth.asked);
             self.growth.asked = 0;
-            seen_of(new_leaves, &aim, Known { manifest, transforms, residency }, &mut self.growth.chunks);
+            seen_of(new_leaves, &aim, Known { manifest, transforms, hierarchies, residency }, &mut self.growth.chunks);
             self.growth.awaited.extend(&self.growth.chunks);
         }
         self.scene = Some(scene);
@@ -280,13 +307,18 @@ impl Sections {
             *place = Some(bytes.to_vec());
             is_taken = true;
         }
+        if let Some((_, place)) = self.index.as_mut().filter(|(index, _)| index.hash == hash) {
+            *place = Some(bytes.to_vec());
+            is_taken = true;
+        }
         is_taken
     }
 
     /// How many have not come.
     fn missing(&self) -> usize {
         let tessellation = self.tessellation.iter().map(|(_, bytes)| bytes);
-        self.parts.iter().flat_map(|(_, bytes)| bytes).chain(tessellation).filter(|bytes| bytes.is_none()).count()
+        let beside = self.index.iter().map(|(_, bytes)| bytes).chain(tessellation);
+        self.parts.iter().flat_map(|(_, bytes)| bytes).chain(beside).filter(|bytes| bytes.is_none()).count()
     }
 
     fn refs(&self) -> impl Iterator<Item = [SectionRef; 4]> {
@@ -297,6 +329,13 @@ impl Sections {
     fn tessellation(&self, manifest: &SceneManifest) -> Result<Option<Arc<Tessellation>>, PackageError> {
         let bytes = self.tessellation.as_ref().and_then(|(_, bytes)| bytes.as_deref());
         Ok(bytes.map(|bytes| Tessellation::decode(bytes, manifest)).transpose()?.map(Arc::new))
+    }
+
+    /// As the tessellation; one of nothing where there are no hierarchies.
+    fn index(&self, manifest: &SceneManifest) -> Result<HierarchyIndex, PackageError> {
+        let bytes = self.index.as_ref().and_then(|(_, bytes)| bytes.as_deref());
+        let index = bytes.map(|bytes| HierarchyIndex::decode(bytes, manifest.transforms.len() as u32)).transpose()?;
+        Ok(index.unwrap_or_default())
     }
 
     fn join_to(&self, manifest: &mut SceneManifest) -> Result<(), PackageError> {

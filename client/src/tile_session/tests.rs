@@ -9,6 +9,7 @@ use mullion_common::wire::{Counted, FrameView, ObjectCount, PROTOCOL_VERSION};
 
 use super::*;
 
+mod detail;
 mod tessellation;
 
 fn scene() -> Scene {
@@ -64,7 +65,7 @@ fn manifest() -> ToTile {
         let bytes = section(kind);
         SectionRef { kind, hash: ChunkHash::of(&bytes), length: bytes.len() as u64 }
     });
-    ToTile::Manifest(Manifest { epoch: 1, sections: sections.into(), tessellation: None })
+    ToTile::Manifest(Manifest { epoch: 1, sections: sections.into(), tessellation: None, hierarchies: None })
 }
 
 fn frame(number: u64, base: Option<u64>, added: &[(u32, u32)]) -> ToTile {
@@ -451,7 +452,7 @@ fn grown_manifest(epoch: u32) -> ToTile {
         hash: ChunkHash::of(&bytes),
         length: bytes.len() as u64,
     }));
-    ToTile::Manifest(Manifest { epoch, sections, tessellation: None })
+    ToTile::Manifest(Manifest { epoch, sections, tessellation: None, hierarchies: None })
 }
 
 #[test]
@@ -473,7 +474,7 @@ fn a_scene_of_many_parts_is_asked_for_in_portions() {
     let mut session = TileSession::new("t0x0", None, 1 << 20, WhenMissing::Hold);
     session.connected();
     session.handle_message(welcome());
-    session.handle_message(ToTile::Manifest(Manifest { epoch: 1, sections, tessellation: None }));
+    session.handle_message(ToTile::Manifest(Manifest { epoch: 1, sections, tessellation: None, hierarchies: None }));
     let (mut wanted, mut opened) = (VecDeque::new(), None);
     loop {
         for action in actions(&mut session) {
@@ -591,7 +592,7 @@ fn a_scene_that_does_not_begin_with_the_one_before_ends_the_connection() {
     for bad in [grown_manifest(3), manifest(), {
         let ToTile::Manifest(Manifest { mut sections, .. }) = grown_manifest(2) else { unreachable!("a manifest") };
         sections.rotate_left(4);
-        ToTile::Manifest(Manifest { epoch: 2, sections, tessellation: None })
+        ToTile::Manifest(Manifest { epoch: 2, sections, tessellation: None, hierarchies: None })
     }] {
         let mut session = drawn_with_room();
         session.handle_message(bad);

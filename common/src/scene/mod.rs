@@ -31,7 +31,8 @@ pub use tessellation::{
     NumberRows, Tessellation, TessellationError, TessellationParts, push_numbers,
 };
 pub use vertex_hierarchy::{
-    BaseMesh, BlockParts, HierarchyEntry, HierarchyTable, Link, LinkShape, MAX_BASE_TRIANGLES, MAX_BLOCK_VERTICES,
-    MAX_HIERARCHIES, MAX_HIERARCHY_VERTICES, MAX_LINK, MAX_PARTS, NodeAxis, NodeBounds, NodeExtent, PackedBounds, Split,
-    TrianglePlace, VertexAttributes, VertexData, VertexHierarchy, VertexHierarchyError, VertexId, greatest_first,
+    BaseMesh, BlobRef, BlockParts, HierarchyEntry, HierarchyIndex, HierarchyTable, IndexedHierarchy, Link, LinkShape,
+    MAX_BASE_TRIANGLES, MAX_BLOCK_VERTICES, MAX_HIERARCHIES, MAX_HIERARCHY_BLOB_BYTES, MAX_HIERARCHY_VERTICES, MAX_LINK,
+    MAX_PARTS, NodeAxis, NodeBounds, NodeExtent, PackedBounds, Split, TrianglePlace, VertexAttributes, VertexData,
+    VertexHierarchy, VertexHierarchyError, VertexId, greatest_first,
 };

@@ -4,10 +4,9 @@ use glam::{DAffine3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Estimate, MAX_DROPPED_RANGES, MAX_TO_TILE_BYTES, MAX_VIEWS, WireError, codec,
-    estimate::EstimateHead,
-    framed,
+    Detail, Estimate, MAX_DROPPED_RANGES, MAX_TO_TILE_BYTES, MAX_VIEWS, Primary, WireError, codec, framed,
     message::tag,
+    primary::PrimaryHead,
     ranges::{put_set, take_set},
     within,
 };
@@ -48,8 +47,9 @@ pub struct Moved {
 /// A frame for one node.
 ///
 /// As bytes after the tag: number u64, epoch u32, scene time f64, `world_from_room` 12 × f64 (three columns and the
-/// translation), shared eye 3 × f64, base `Option<u64>`, digest u64 of all that is dropped, the estimate as an `Option` of triangles u32, complete u8,
-/// pixels per radian f32 and count of planes u32, view count u32, count of moved objects u32; for each of these planes: normal 3 × f64, offset f64; for each view: eye
+/// translation), shared eye 3 × f64, base `Option<u64>`, digest u64 of all that is dropped, where the wall looks as an `Option` of pixels per
+/// radian f32 and count of planes u32, the estimate as an `Option` of triangles u32 and complete u8, the detail as an `Option` of triangles `Option<u32>`, least
+/// pixels f32 and hides u8, view count u32, count of moved objects u32; for each of these planes: normal 3 × f64, offset f64; for each view: eye
 /// 3 × f64, budget `Option<u32>` triangles, `Option<u32>` microseconds, digest u64 of the whole set; for each view: the set of leaves removed, the set
 /// of leaves added (a set is a uvarint count, then per range the uvarint distance from one past the end of the range
 /// before, or from 0, and the uvarint length less one); in the same way what is dropped no more, and what is dropped; for each moved
@@ -75,8 +75,12 @@ pub struct Frame {
     pub dropped: VisibleDelta,
     /// [`VisibleSet::digest`](crate::visible_set::VisibleSet::digest) of all that is dropped.
     pub dropped_digest: u64,
+    /// Where the wall looks, the same for all nodes; there where an estimate or a detail is ordered.
+    pub primary: Option<Box<Primary>>,
     /// To which budget an estimate of what is visible is drawn, the same for all nodes; `None`: all that is seen is drawn.
-    pub estimate: Option<Box<Estimate>>,
+    pub estimate: Option<Estimate>,
+    /// How finely vertex hierarchies are drawn, the same for all nodes; `None`: they are not, and leaves are.
+    pub detail: Option<Detail>,
     /// Every object that moved since the base, or since the manifest where there is no base.
     pub moved: Vec<Moved>,
 }
@@ -90,7 +94,9 @@ struct Head {
     shared_eye: [f64; 3],
     base: Option<u64>,
     dropped_digest: u64,
-    estimate: Option<EstimateHead>,
+    primary: Option<PrimaryHead>,
+    estimate: Option<Estimate>,
+    detail: Option<Detail>,
     views: u32,
     moved: u32,
 }
@@ -115,7 +121,8 @@ impl Frame {
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         within("views", self.views.len(), MAX_VIEWS)?;
         check_dropped(&self.dropped)?;
-        let estimate = self.estimate.as_deref().map(Estimate::head).transpose()?;
+        check_orders(self.primary.is_some(), self.estimate.as_ref(), self.detail.as_ref())?;
+        let primary = self.primary.as_deref().map(Primary::head).transpose()?;
         framed(out, tag::FRAME, MAX_TO_TILE_BYTES, |out| {
             let head = Head {
                 number: self.number,
@@ -125,12 +132,14 @@ impl Frame {
                 shared_eye: self.shared_eye.to_array(),
                 base: self.base,
                 dropped_digest: self.dropped_digest,
-                estimate,
+                primary,
+                estimate: self.estimate,
+                detail: self.detail,
                 views: self.views.len() as u32,
                 moved: self.moved.len() as u32,
             };
             codec::encode_into(&head, out)?;
-            self.estimate.iter().for_each(|estimate| estimate.put_planes(out));
+            self.primary.iter().for_each(|primary| primary.put_planes(out));
             for view in &self.views {
                 codec::encode_into(&ViewHead { eye: view.eye.to_array(), budget: view.budget, digest: view.digest }, out)?;
             }
@@ -154,7 +163,8 @@ impl Frame {
         finite("scene time", head.scene_time_s.is_finite())?;
         finite("world_from_room", world_from_room.is_finite())?;
         finite("shared eye", shared_eye.is_finite())?;
-        let estimate = head.estimate.as_ref().map(|head| Estimate::take(head, &mut bytes).map(Box::new)).transpose()?;
+        check_orders(head.primary.is_some(), head.estimate.as_ref(), head.detail.as_ref())?;
+        let primary = head.primary.as_ref().map(|head| Primary::take(head, &mut bytes).map(Box::new)).transpose()?;
         // No memory for views that the body has no room for.
         let mut views = Vec::with_capacity((head.views as usize).min(bytes.len() / LEAST_VIEW_BYTES));
         for _ in 0..head.views {
@@ -185,10 +195,21 @@ impl Frame {
             views,
             dropped,
             dropped_digest: head.dropped_digest,
-            estimate,
+            primary,
+            estimate: head.estimate,
+            detail: head.detail,
             moved,
         })
     }
+}
+
+/// What is ordered is in its range, and says where the wall looks.
+fn check_orders(has_primary: bool, estimate: Option<&Estimate>, detail: Option<&Detail>) -> Result<(), WireError> {
+    if !has_primary && (estimate.is_some() || detail.is_some()) {
+        return Err(WireError::Bulk { what: "primary frustum" });
+    }
+    let is_valid = detail.is_none_or(Detail::is_valid);
+    if is_valid { Ok(()) } else { Err(WireError::NotFinite { what: "pixels of the detail" }) }
 }
 
 fn check_dropped(dropped: &VisibleDelta) -> Result<(), WireError> {

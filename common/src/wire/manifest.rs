@@ -2,12 +2,12 @@
 //!
 //! A scene has parts: the one that a show began with, and one for each time that it grew. A part has one section of each kind in
 //! [`SectionKind::FOR_TILES`]; sections of one kind are joined in the order in which they are named. What is in one part keeps its
-//! numbers when another comes. A tessellation is of the first part, and holds for the scene that it has become.
+//! numbers when another comes. A tessellation and vertex hierarchies are of the first part, and hold for the scene that it has become.
 
 use serde::{Deserialize, Serialize};
 
 use super::{MAX_SECTIONS, MAX_TILE_SECTION_BYTES, WireError, codec, within};
-use crate::scene::{ChunkHash, SectionKind};
+use crate::scene::{BlobRef, ChunkHash, SectionKind};
 
 /// A section of the scene that tiles need, fetched as a blob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,12 +30,16 @@ pub struct Manifest {
     pub sections: Vec<SectionRef>,
     /// The tessellation of the scene that the show began with, where it has one; the same in all manifests of a connection.
     pub tessellation: Option<SectionRef>,
+    /// The bytes of the [`HierarchyIndex`](crate::scene::HierarchyIndex) of the scene that the show began with, where it has vertex hierarchies; the
+    /// same in all manifests of a connection.
+    pub hierarchies: Option<BlobRef>,
 }
 
 impl Manifest {
     pub(super) fn check(&self) -> Result<(), WireError> {
         within("sections", self.sections.len(), MAX_SECTIONS)?;
-        let longest = self.sections.iter().chain(&self.tessellation).map(|s| s.length).max().unwrap_or(0);
+        let index = self.hierarchies.map(|blob| blob.length.into());
+        let longest = self.sections.iter().chain(&self.tessellation).map(|s| s.length).chain(index).max().unwrap_or(0);
         if longest > MAX_TILE_SECTION_BYTES {
             return Err(WireError::Limit { what: "bytes of a section", value: longest, cap: MAX_TILE_SECTION_BYTES });
         }

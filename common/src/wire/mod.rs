@@ -24,7 +24,7 @@
 //! | 4 | [`Stats`] | node, control | the fields of [`Stats`] |
 //! | 5 | [`Bye`] | either, both | code u32, reason string; the same in every version |
 //! | 6 | [`Welcome`] | master, control | the fields of [`Welcome`] |
-//! | 7 | [`Manifest`] | master, control | epoch u32, list of (section kind u32, hash 32 bytes, length u64), the tessellation as an `Option` of the same |
+//! | 7 | [`Manifest`] | master, control | epoch u32, list of (section kind u32, hash 32 bytes, length u64), the tessellation as an `Option` of the same, the index of vertex hierarchies as an `Option` of (hash 32 bytes, length u32) |
 //! | 8 | [`Frame`] | master, control | see [`Frame`] |
 //! | 9 | Swap | master, control | frame u64 |
 //! | 10 | Alive | master, control | nothing; sent where nothing else was for a second |
@@ -69,14 +69,18 @@
 //! A frame may say how many triangles the wall spends on an estimate of what is visible ([`Estimate`]). All nodes get the same order: each
 //! finds the same estimate from the tessellation that the manifest names, and draws what its views see of it. `Ready` says how long drawing
 //! took, from which the master learns how many triangles a wall has time for.
+//!
+//! # In detail
+//! A frame may say how finely objects with vertex hierarchies are drawn ([`Detail`]). The manifest names an index, and that the blobs of each: a base
+//! and blocks, coarse first. A node fetches them only then, and draws what has come of them in the place of these objects' leaves.
 
 pub mod codec;
 mod counted;
-mod estimate;
 mod frame;
 mod manifest;
 mod message;
 mod opening;
+mod primary;
 mod ranges;
 mod standby;
 
@@ -86,17 +90,17 @@ use thiserror::Error;
 
 pub use codec::CodecError;
 pub use counted::{Counted, ObjectCount};
-pub use estimate::Estimate;
 pub use frame::{Budget, Frame, FrameView, Moved};
 pub use manifest::{Manifest, SectionRef};
 pub use message::{Bye, ByeCode, ChunkReply, Piece, Ping, Pong, Shown, Stats, ToMaster, ToTile, ViewSpec, Want, Welcome};
 pub use opening::{ChunkHello, Hello, Opening, Part};
+pub use primary::{Detail, Estimate, Primary};
 pub use standby::{Course, Insertion, Insertions, RivalHello, StandbyHello, Steering, ToStandby};
 
-use crate::scene::{MAX_CHUNK_BYTES, SectionKind};
+use crate::scene::{MAX_CHUNK_BYTES, MAX_HIERARCHY_BLOB_BYTES, SectionKind};
 
 /// Version of the protocol. Master and nodes speak only their own.
-pub const PROTOCOL_VERSION: u32 = 7;
+pub const PROTOCOL_VERSION: u32 = 8;
 /// First bytes of a greeting, after its tag.
 pub const MAGIC: [u8; 4] = *b"MULL";
 
@@ -155,6 +159,7 @@ const _: () = assert!(1 + 8 + 2 + MAX_COUNTED * size_of::<ObjectCount>() <= MAX_
 const _: () = assert!(1 + 4 + 8 + MAX_REASON_BYTES <= MAX_OPENING_BYTES, "a refusal fits every cap");
 const _: () = assert!(1 + 32 + 8 + 8 + MAX_PIECE_BYTES <= MAX_CHUNK_REPLY_BYTES, "a full piece fits its cap");
 const _: () = assert!(MAX_CHUNK_BYTES as u64 <= MAX_TILE_SECTION_BYTES, "one cap holds for chunks and sections");
+const _: () = assert!(MAX_HIERARCHY_BLOB_BYTES as u64 <= MAX_TILE_SECTION_BYTES, "and for what hierarchies consist of");
 const _: () = assert!(ALIVE_EVERY.as_secs() * 4 <= SILENCE_LIMIT.as_secs(), "a few lost signs of life are no death");
 
 /// Bytes of the length before every body.

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::geometry::Plane;
-use crate::scene::{ChunkHash, ObjectId, Presence, SectionKind, Transform};
+use crate::scene::{BlobRef, ChunkHash, ObjectId, Presence, SectionKind, Transform};
 use crate::visible_set::{LeafRange, VisibleDelta, VisibleSet};
 use crate::wall::{Eye, ObserverId, TileId, ViewId};
 
@@ -77,7 +77,9 @@ fn welcome() -> ToTile {
 fn manifest() -> ToTile {
     let section = SectionRef { kind: SectionKind::Leaves, hash: ChunkHash([0xcd; 32]), length: 40 };
     let tessellation = SectionRef { kind: SectionKind::Tessellation, hash: ChunkHash([0xef; 32]), length: 56 };
-    ToTile::Manifest(Manifest { epoch: 1, sections: vec![section], tessellation: Some(tessellation) })
+    let hierarchies = BlobRef { hash: ChunkHash([0x12; 32]), length: 258 };
+    let (tessellation, hierarchies) = (Some(tessellation), Some(hierarchies));
+    ToTile::Manifest(Manifest { epoch: 1, sections: vec![section], tessellation, hierarchies })
 }
 
 fn set(ranges: &[(u32, u32)]) -> VisibleSet {
@@ -100,12 +102,12 @@ fn frame() -> Frame {
         }],
         dropped: VisibleDelta { removed: set(&[(2, 4)]), added: set(&[(6, 7)]) },
         dropped_digest: 0x0304,
-        estimate: Some(Box::new(Estimate {
-            triangles: 258,
-            is_complete: true,
+        primary: Some(Box::new(Primary {
             pixels_per_radian: 2.5,
             planes: vec![Plane { normal: DVec3::new(0.0, 1.0, 0.0), offset_m: 4.0 }],
         })),
+        estimate: Some(Estimate { triangles: 258, is_complete: true }),
+        detail: Some(Detail { triangles: Some(5), least_pixels: 1.5, hides: true }),
         moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
     }
 }
@@ -173,16 +175,16 @@ fn golden_bytes() {
     let golden = [
         (
             "hello",
-            format!("01 4d554c4c07000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
+            format!("01 4d554c4c08000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
         ),
-        ("chunk hello", "02 4d554c4c07000000 0201000000000000".into()),
+        ("chunk hello", "02 4d554c4c08000000 0201000000000000".into()),
         ("ready", "03 0201000000000000 03000000 01 01 0101000000000000 0700000000000000".into()),
         ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
         ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
         (
             "welcome",
             format!(
-                "06 07000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
+                "06 08000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
                  01000000 {} 80020000 e0010000 {} {} 0500000000000000 04000000",
                 f64s(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
                 f64s(&[0.25]),
@@ -192,16 +194,17 @@ fn golden_bytes() {
         (
             "manifest",
             format!(
-                "07 01000000 0100000000000000 03000000 {} 2800000000000000 01 08000000 {} 3800000000000000",
+                "07 01000000 0100000000000000 03000000 {} 2800000000000000 01 08000000 {} 3800000000000000 01 {} 02010000",
                 "cd".repeat(32),
-                "ef".repeat(32)
+                "ef".repeat(32),
+                "12".repeat(32)
             ),
         ),
         (
             "frame",
             format!(
-                "08 0900000000000000 01000000 {} {} {} 010800000000000000 0403000000000000 01 02010000 01 00002040 01000000 \
-                 01000000 01000000 {} {} 01e8030000 00 \
+                "08 0900000000000000 01000000 {} {} {} 010800000000000000 0403000000000000 01 00002040 01000000 01 02010000 01 \
+                 01 01 05000000 0000c03f 01 01000000 01000000 {} {} 01e8030000 00 \
                  0201000000000000 01 00 00  02 05 02 a302 c701  01 02 01  01 06 00  06000000 {}",
                 f64s(&[0.5]),
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0]),
@@ -220,7 +223,7 @@ fn golden_bytes() {
         ("bye on chunks", "05 03000000 0200000000000000 6e6f".into()),
         ("ping", "0e 0201000000000000".into()),
         ("pong", "0f 0201000000000000 0300000000000000".into()),
-        ("standby hello", format!("10 4d554c4c07000000 {ab} {}", "cd".repeat(32))),
+        ("standby hello", format!("10 4d554c4c08000000 {ab} {}", "cd".repeat(32))),
         (
             "course",
             format!(
@@ -232,7 +235,7 @@ fn golden_bytes() {
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
             ),
         ),
-        ("rival hello", format!("12 4d554c4c07000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
+        ("rival hello", format!("12 4d554c4c08000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
         ("prepared", "13 02010000".into()),
         (
             "insertions",
@@ -272,7 +275,8 @@ fn messages_go_round() {
 fn a_manifest_has_whole_parts() {
     let of = |kinds: &[SectionKind]| {
         let section = |(i, kind): (usize, &SectionKind)| SectionRef { kind: *kind, hash: ChunkHash([i as u8; 32]), length: 1 };
-        Manifest { epoch: 1, sections: kinds.iter().enumerate().map(section).collect(), tessellation: None }.parts()
+        let sections = kinds.iter().enumerate().map(section).collect();
+        Manifest { epoch: 1, sections, tessellation: None, hierarchies: None }.parts()
     };
     let [a, b, c, d] = SectionKind::FOR_TILES;
     let parts = of(&[a, b, c, d, d, c, b, a]).unwrap();
@@ -337,7 +341,7 @@ fn caps_hold_both_ways() {
 
     let planes = |count| {
         let planes = vec![Plane { normal: DVec3::X, offset_m: 1.0 }; count];
-        Frame { estimate: Some(Box::new(Estimate { pixels_per_radian: 1.0, planes, ..Estimate::default() })), ..frame() }
+        Frame { primary: Some(Box::new(Primary { pixels_per_radian: 1.0, planes })), ..frame() }
     };
     let full = ToTile::Frame(planes(MAX_PRIMARY_PLANES));
     assert_eq!(ToTile::decode(body_of(&bytes(|out| full.encode(out)))), Ok(full));
@@ -365,16 +369,17 @@ fn what_is_not_finite_or_backwards_is_refused() {
     assert!(refused(|f| f.views[0].eye.y = f64::NAN));
     assert!(refused(|f| f.shared_eye.y = f64::NAN));
     assert!(refused(|f| f.base = Some(9)));
-    fn estimate(frame: &mut Frame, change: fn(&mut Estimate)) {
-        frame.estimate.as_deref_mut().into_iter().for_each(change);
+    fn primary(frame: &mut Frame, change: fn(&mut Primary)) {
+        frame.primary.as_deref_mut().into_iter().for_each(change);
     }
-    assert!(!refused(|f| f.estimate = None));
-    assert!(!refused(|f| estimate(f, |e| e.planes.clear())));
-    assert!(refused(|f| estimate(f, |e| e.planes[0].normal.z = f64::NAN)));
-    assert!(refused(|f| estimate(f, |e| e.planes[0].offset_m = f64::INFINITY)));
-    assert!(refused(|f| estimate(f, |e| e.pixels_per_radian = 0.0)));
-    assert!(refused(|f| estimate(f, |e| e.pixels_per_radian = -1.0)));
-    assert!(refused(|f| estimate(f, |e| e.pixels_per_radian = f32::INFINITY)));
+    assert!(!refused(|f| (f.estimate, f.detail) = (None, None)));
+    assert!(!refused(|f| (f.primary, f.estimate, f.detail) = (None, None, None)));
+    assert!(!refused(|f| primary(f, |p| p.planes.clear())));
+    assert!(refused(|f| primary(f, |p| p.planes[0].normal.z = f64::NAN)));
+    assert!(refused(|f| primary(f, |p| p.planes[0].offset_m = f64::INFINITY)));
+    assert!(refused(|f| primary(f, |p| p.pixels_per_radian = 0.0)));
+    assert!(refused(|f| primary(f, |p| p.pixels_per_radian = -1.0)));
+    assert!(refused(|f| primary(f, |p| p.pixels_per_radian = f32::INFINITY)));
     let refused = |change: fn(&mut Vec<ObjectCount>)| {
         let ToMaster::Counted(mut bad) = counted() else { unreachable!("it is counts") };
         change(&mut bad.objects);
@@ -384,6 +389,34 @@ fn what_is_not_finite_or_backwards_is_refused() {
     assert!(refused(|counts| counts.swap(0, 1)));
     assert!(refused(|counts| counts[1].object = ObjectId(6)));
     assert!(refused(|counts| counts[1].distance_m = f32::NAN));
+}
+
+/// As what would be sent is refused before that, by its bytes.
+#[test]
+fn orders_out_of_their_range_are_refused_on_both_sides() {
+    let good = bytes(|out| frame().encode(out));
+    // The pixels of the detail, and whether there is a primary frustum.
+    let (pixels, has_primary) = (1.5f32.to_le_bytes(), [&[1], &2.5f32.to_le_bytes()[..]].concat());
+    let find = |part: &[u8]| good.windows(part.len()).position(|window| window == part).expect("it is there");
+    let spoiled = |at: usize, with: &[u8]| {
+        let mut body = body_of(&good).to_vec();
+        body[at - LENGTH_BYTES..][..with.len()].copy_from_slice(with);
+        ToTile::decode(&body).err()
+    };
+    for bad in [f32::NAN, f32::INFINITY, -0.5] {
+        let not_finite = Some(WireError::NotFinite { what: "pixels of the detail" });
+        assert_eq!(spoiled(find(&pixels), &bad.to_le_bytes()), not_finite);
+        let detail = Detail { least_pixels: bad, ..Detail::default() };
+        assert_eq!(Frame { detail: Some(detail), ..frame() }.encode(&mut Vec::new()).err(), not_finite);
+    }
+    assert_eq!(spoiled(find(&pixels), &0f32.to_le_bytes()), None, "all that can be seen of it");
+    let nowhere = Some(WireError::Bulk { what: "primary frustum" });
+    for orders in [Frame { estimate: None, ..frame() }, Frame { detail: None, ..frame() }] {
+        assert_eq!(Frame { primary: None, ..orders }.encode(&mut Vec::new()).err(), nowhere);
+    }
+    let at = find(&has_primary) - LENGTH_BYTES;
+    let without = [&body_of(&good)[..at], &[0], &body_of(&good)[at + 1 + 4 + 4..]].concat();
+    assert_eq!(ToTile::decode(&without).err(), nowhere);
 }
 
 fn decode_all(body: &[u8]) {

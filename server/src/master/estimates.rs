@@ -7,12 +7,9 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use glam::DVec3;
 use mullion_common::throughput::Throughput;
-use mullion_common::wall::Wall;
-use mullion_common::wire::{Estimate, MAX_PRIMARY_PLANES};
+use mullion_common::wire::Estimate;
 
-use super::FrameInput;
 use crate::swap_barrier::{NodeIndex, ShowNow};
 
 /// After so many frames in which nothing moved, all that is seen is drawn: half a second at 60 Hz.
@@ -134,22 +131,17 @@ impl Estimates {
     }
 
     /// Makes the order of a frame. `is_as_before`: nothing has moved since the frame before.
-    pub fn begin(&mut self, input: &FrameInput<'_>, is_as_before: bool, wall: &Wall, now: Duration) {
+    pub fn begin(&mut self, number: u64, is_as_before: bool, now: Duration) {
         self.rested = if is_as_before { self.rested.saturating_add(1) } else { 0 };
         let triangles = match &self.way {
             Way::Given(triangles) => self.scene_triangles.min(*triangles),
             Way::Timed(_, throughput) => throughput.triangles(),
         };
-        let middle = input.eyes.iter().sum::<DVec3>() / input.eyes.len().max(1) as f64;
-        self.order.triangles = triangles;
-        self.order.is_complete = self.completes && self.rested >= REST_FRAMES;
-        self.order.pixels_per_radian = (wall.pixels_per_radian(middle) as f32).clamp(f32::MIN_POSITIVE, f32::MAX);
-        self.order.planes.clear();
-        self.order.planes.extend(input.primary.iter().take(MAX_PRIMARY_PLANES)); // fewer hold more
+        self.order = Estimate { triangles, is_complete: self.completes && self.rested >= REST_FRAMES };
         if self.begun.len() == REMEMBERED {
             self.begun.pop_front();
         }
-        self.begun.push_back(Begun { number: input.number, at: now, triangles, is_complete: self.order.is_complete });
+        self.begun.push_back(Begun { number, at: now, triangles, is_complete: self.order.is_complete });
         self.slowest_us = 0;
     }
 
@@ -159,8 +151,8 @@ impl Estimates {
     }
 
     /// What nodes are told with the newest frame.
-    pub fn order(&self) -> &Estimate {
-        &self.order
+    pub fn order(&self) -> Estimate {
+        self.order
     }
 
     /// A node is ready, in time or after the frame was shown.
@@ -193,7 +185,7 @@ impl Estimates {
     /// The newest frame is shown, without those that are passed over; what it spent.
     pub fn release(&mut self, passed_over: &[NodeIndex]) -> Spent {
         passed_over.iter().for_each(|node| self.late_answers[usize::from(node.0)] = LATE_ANSWERS);
-        let Estimate { triangles, is_complete, .. } = self.order;
+        let Estimate { triangles, is_complete } = self.order;
         let slowest_us = self.slowest_us;
         let is_late = match &mut self.way {
             Way::Given(_) => false,

@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_common::geometry::Plane;
-use mullion_common::scene::{ObjectId, Presence};
+use mullion_common::scene::{BlobRef, ObjectId, Presence};
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wire::{Budget, Bye, Insertion, Moved, SectionRef, Shown, Steering};
+use mullion_common::wire::{Budget, Bye, Detail, Insertion, Moved, SectionRef, Shown, Steering};
 
 use super::{Adaptive, EstimateOptions, Message, PeerId, Spent};
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
@@ -36,12 +36,16 @@ pub struct MasterOptions {
     pub sections: Vec<SectionRef>,
     /// The tessellation of what the show began with, where that has one.
     pub tessellation: Option<SectionRef>,
+    /// The index of the vertex hierarchies of what the show began with, where that has some.
+    pub hierarchies: Option<BlobRef>,
     /// What the scene has grown by under masters before.
     pub insertions: Vec<Insertion>,
     /// What hardly contributes is drawn on no tile; `None`: all that is seen is drawn.
     pub adaptive: Option<Adaptive>,
     /// Estimates of what is visible are drawn, within a budget; `None`: all that is seen is drawn. For scenes with a tessellation.
     pub estimates: Option<EstimateOptions>,
+    /// How finely vertex hierarchies are drawn, in every frame; `None`: leaves are drawn. Nobody is told where there are no hierarchies.
+    pub detail: Option<Detail>,
     /// Makes session numbers unguessable: random bytes, fresh for each run.
     pub session_seed: [u8; 32],
 }
@@ -64,7 +68,7 @@ pub struct FrameInput<'a> {
     /// Objects that have another transform than in the frame before.
     pub moved: &'a [Moved],
     /// Planes of the primary frustum in the world, with all that any view sees on their positive side; at most
-    /// [`MAX_PRIMARY_PLANES`](mullion_common::wire::MAX_PRIMARY_PLANES). Only estimates are for them.
+    /// [`MAX_PRIMARY_PLANES`](mullion_common::wire::MAX_PRIMARY_PLANES). Only estimates and details are for them.
     pub primary: &'a [Plane],
     /// What each view may spend; empty: nothing is limited.
     pub budgets: &'a [Budget],

@@ -27,12 +27,13 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 
+use glam::DVec3;
 use mullion_common::identity::Bearer;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{ViewId, Wall};
 use mullion_common::wire::{
-    ALIVE_EVERY, Bye, ByeCode, Course, Frame, Hello, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part, Pong, SILENCE_LIMIT, Stats,
-    ToMaster, ToTile, ViewSpec, Welcome, WireError,
+    ALIVE_EVERY, Bye, ByeCode, Course, Detail, Frame, Hello, MAX_PRIMARY_PLANES, OPENING_LIMIT, Opening, PROTOCOL_VERSION, Part,
+    Pong, Primary, SILENCE_LIMIT, Stats, ToMaster, ToTile, ViewSpec, Welcome, WireError,
 };
 
 use crate::swap_barrier::{NodeIndex, ShowNow, SwapBarrier};
@@ -139,6 +140,8 @@ pub struct Master {
     history: History,
     contributions: Option<Contributions>,
     estimates: Option<Estimates>,
+    /// Of the newest frame, where anything is ordered by it.
+    primary: Primary,
     phase: Phase,
     pulse: Pulse,
     /// When the newest frame was due.
@@ -168,6 +171,7 @@ impl Master {
             barrier: SwapBarrier::new(nodes.len(), options.barrier.clone()),
             estimates: options.estimates.clone().map(|estimates| Estimates::new(estimates, nodes.len())),
             contributions: options.adaptive.clone().map(|adaptive| Contributions::new(&wall, adaptive)),
+            primary: Primary::default(),
             wall,
             admission: Admission::default(),
             epoch: 1 + options.insertions.len() as u32,
@@ -349,7 +353,10 @@ impl Master {
             contributions.decide(input.number, input.eyes, input.sets);
         }
         if let Some(estimates) = &mut self.estimates {
-            estimates.begin(input, self.history.is_as_before(input), &self.wall, now);
+            estimates.begin(input.number, self.history.is_as_before(input), now);
+        }
+        if self.estimates.is_some() || self.detail().is_some() {
+            self.look(input);
         }
         let nothing = VisibleSet::default();
         self.history.push(input, self.contributions.as_ref().map_or(&nothing, Contributions::dropped));
@@ -363,6 +370,20 @@ impl Master {
         self.send_courses(now);
         is_done(Stage::Encode);
         self.advance(now);
+    }
+
+    /// Notes where the wall looks in a frame.
+    fn look(&mut self, input: &FrameInput<'_>) {
+        let middle = input.eyes.iter().sum::<DVec3>() / input.eyes.len().max(1) as f64;
+        let pixels_per_radian = self.wall.pixels_per_radian(middle) as f32;
+        self.primary.pixels_per_radian = pixels_per_radian.clamp(f32::MIN_POSITIVE, f32::MAX);
+        self.primary.planes.clear();
+        self.primary.planes.extend(input.primary.iter().take(MAX_PRIMARY_PLANES)); // fewer hold more
+    }
+
+    /// How finely vertex hierarchies are drawn, if there are any.
+    fn detail(&self) -> Option<Detail> {
+        self.options.detail.filter(|_| self.options.hierarchies.is_some())
     }
 
     /// Ends the show early. [`Output::Finished`] follows.
@@ -499,8 +520,9 @@ impl Master {
         let Some(connection) = &state.connection else { return };
         let mut frame = std::mem::take(&mut self.scratch);
         self.history.write(&state.views, connection.acked, self.epoch, &mut frame);
-        if let Some(estimates) = &self.estimates {
-            frame.estimate.get_or_insert_default().as_mut().clone_from(estimates.order());
+        (frame.estimate, frame.detail) = (self.estimates.as_ref().map(Estimates::order), self.detail());
+        if frame.estimate.is_some() || frame.detail.is_some() {
+            frame.primary.get_or_insert_default().as_mut().clone_from(&self.primary);
         }
         is_done(Stage::Diff);
         let mut bytes = self.pool.pop().unwrap_or_default();

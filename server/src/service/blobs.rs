@@ -1,9 +1,11 @@
-//! Bytes by their names: the chunks of a package and the sections that tiles need.
+//! Bytes by their names: the chunks of a package, the sections that tiles need, and what vertex hierarchies consist of.
 
 use std::collections::HashMap;
 use std::sync::{Arc, PoisonError, RwLock};
 
-use mullion_common::scene::{ChunkHash, ChunkId, Package, SceneSize, SectionKind};
+use mullion_common::scene::{
+    BlobRef, ChunkHash, ChunkId, HierarchyIndex, HierarchyTable, Package, PackageError, SceneSize, SectionKind,
+};
 use mullion_common::wire::{MAX_TILE_SECTION_BYTES, SectionRef};
 
 use super::ServiceError;
@@ -12,6 +14,8 @@ use super::ServiceError;
 enum Place {
     Chunk(ChunkId),
     Section(usize),
+    /// Of a hierarchy, by its number, the base or a block.
+    OfHierarchy(usize, usize),
 }
 
 /// What a scene has beyond an older, smaller one: names of chunks, and sections of their own.
@@ -19,6 +23,8 @@ enum Place {
 pub(super) struct Part {
     sections: Vec<Vec<u8>>,
     places: HashMap<ChunkHash, Place>,
+    /// Whose bases and blocks it names.
+    hierarchies: Option<Arc<HierarchyTable>>,
 }
 
 impl Part {
@@ -30,7 +36,7 @@ impl Part {
         let manifest = &package.scene.manifest;
         let chunks = (0..).zip(&manifest.chunks).skip(size.chunks as usize);
         let places = chunks.map(|(id, chunk)| (chunk.hash, Place::Chunk(ChunkId(id)))).collect();
-        let mut part = Self { sections: Vec::new(), places };
+        let mut part = Self { sections: Vec::new(), places, hierarchies: None };
         let add = |kind| part.add(kind, manifest.section_since(kind, size)?);
         let sections = SectionKind::FOR_TILES.into_iter().map(add).collect::<Result<_, ServiceError>>()?;
         Ok((part, sections))
@@ -43,6 +49,24 @@ impl Part {
     pub fn add_tessellation(&mut self, package: &Package) -> Result<Option<SectionRef>, ServiceError> {
         let tessellation = package.scene.tessellation.as_ref();
         tessellation.map(|tessellation| self.add(SectionKind::Tessellation, tessellation.encode())).transpose()
+    }
+
+    /// Adds the scene's vertex hierarchies, if it has some: their index, which is named, and all that is named there.
+    ///
+    /// # Errors
+    /// When something of them is larger than nodes take.
+    pub fn add_hierarchies(&mut self, package: &Package) -> Result<Option<BlobRef>, ServiceError> {
+        let Some(table) = package.scene.vertex_hierarchies.as_ref().filter(|table| !table.entries().is_empty()) else {
+            return Ok(None);
+        };
+        let index = HierarchyIndex::of(table).map_err(PackageError::from)?;
+        for (number, hierarchy) in index.hierarchies.iter().enumerate() {
+            let places = (0..).map(|blob| Place::OfHierarchy(number, blob));
+            self.places.extend(hierarchy.blobs.iter().map(|blob| blob.hash).zip(places));
+        }
+        self.hierarchies = Some(Arc::clone(table));
+        let SectionRef { hash, length, .. } = self.add(SectionKind::VertexHierarchies, index.encode())?;
+        Ok(Some(BlobRef { hash, length: length as u32 })) // sendable, and so below 2³²
     }
 
     fn add(&mut self, kind: SectionKind, bytes: Vec<u8>) -> Result<SectionRef, ServiceError> {
@@ -71,6 +95,7 @@ struct Known {
 pub(super) enum Blob {
     Chunk(Arc<Package>, ChunkId),
     Section(Arc<Part>, usize),
+    OfHierarchy(Arc<HierarchyTable>, usize, usize),
 }
 
 impl Blob {
@@ -78,6 +103,8 @@ impl Blob {
         match self {
             Self::Chunk(package, id) => package.chunk(*id),
             Self::Section(part, place) => &part.sections[*place],
+            // They were named by counting them.
+            Self::OfHierarchy(table, number, blob) => table.blobs(*number).nth(*blob).unwrap_or_default(),
         }
     }
 }
@@ -101,6 +128,7 @@ impl Blobs {
         Some(match place {
             Place::Chunk(id) => Blob::Chunk(Arc::clone(&known.package), id),
             Place::Section(place) => Blob::Section(Arc::clone(part), place),
+            Place::OfHierarchy(number, blob) => Blob::OfHierarchy(Arc::clone(part.hierarchies.as_ref()?), number, blob),
         })
     }
 }
@@ -110,6 +138,7 @@ fn sendable(kind: SectionKind, length: u64) -> Result<u64, ServiceError> {
     match kind {
         _ if length <= MAX_TILE_SECTION_BYTES => Ok(length),
         SectionKind::Tessellation => Err(ServiceError::TessellationTooLarge { length }),
+        SectionKind::VertexHierarchies => Err(ServiceError::IndexTooLarge { length }),
         kind => Err(ServiceError::SectionTooLarge { kind, length }),
     }
 }

@@ -4,7 +4,7 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use mullion_common::scene::{Package, SceneSize};
+use mullion_common::scene::{BlobRef, Package, SceneSize};
 use mullion_common::wire::{Insertion, SectionRef};
 use thiserror::Error;
 
@@ -23,6 +23,8 @@ pub(super) struct Grown {
     sections: Vec<SectionRef>,
     /// Of what the show began with.
     tessellation: Option<SectionRef>,
+    /// The index of the vertex hierarchies of what the show began with.
+    hierarchies: Option<BlobRef>,
     insertions: Vec<Insertion>,
 }
 
@@ -80,8 +82,8 @@ impl Grown {
     /// When a section is larger than nodes take.
     pub fn new(package: Arc<Package>) -> Result<Self, ServiceError> {
         let (mut part, sections) = Part::since(SceneSize::default(), &package)?;
-        let tessellation = part.add_tessellation(&package)?;
-        Ok(Self { package, parts: vec![Arc::new(part)], sections, tessellation, insertions: Vec::new() })
+        let (tessellation, hierarchies) = (part.add_tessellation(&package)?, part.add_hierarchies(&package)?);
+        Ok(Self { package, parts: vec![Arc::new(part)], sections, tessellation, hierarchies, insertions: Vec::new() })
     }
 
     pub fn grow(&mut self, joined: &Joined) {
@@ -126,6 +128,10 @@ impl Grown {
 
     pub fn tessellation(&self) -> Option<SectionRef> {
         self.tessellation
+    }
+
+    pub fn hierarchies(&self) -> Option<BlobRef> {
+        self.hierarchies
     }
 
     pub fn insertions(&self) -> &[Insertion] {

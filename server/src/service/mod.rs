@@ -156,7 +156,7 @@ struct Service {
     live_nodes: Arc<AtomicU32>,
     started: Instant,
     sets: Vec<VisibleSet>,
-    /// Where frames draw to a budget.
+    /// Where frames order something by it.
     primary: Option<PrimaryFrustum>,
     max_connections: usize,
     links: BTreeMap<PeerId, Link>,
@@ -233,14 +233,17 @@ impl Service {
             frames: show.options.frames,
             sections: grown.sections().to_vec(),
             tessellation: grown.tessellation(),
+            hierarchies: grown.hierarchies(),
             insertions: grown.insertions().to_vec(),
             adaptive: show.options.adaptive.map(|threshold| Adaptive { threshold, objects: grown.object_leaves() }),
             estimates: show.options.budget.map(|budget| {
                 let (scene_triangles, completes) = (grown.triangles(), show.options.completes);
                 EstimateOptions { budget: budget.of(scene_triangles), scene_triangles, completes }
             }),
+            detail: show.options.detail,
             session_seed,
         };
+        let looks = options.estimates.is_some() || options.detail.is_some();
         let admission = match show.options.security {
             Security::Plain => Admission::ByName,
             Security::Tls(_) => Admission::ByCertificate,
@@ -256,7 +259,7 @@ impl Service {
             live_nodes: Arc::default(),
             started: Instant::now(),
             sets: vec![VisibleSet::default(); show.wall.views().len()],
-            primary: show.options.budget.map(|_| PrimaryFrustum::new(&show.wall)),
+            primary: looks.then(|| PrimaryFrustum::new(&show.wall)),
             max_connections: MAX_UNNAMED + 3 * show.wall.nodes().len(),
             links: BTreeMap::new(),
             tasks: JoinSet::new(),

@@ -7,7 +7,7 @@ use std::time::Duration;
 use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, MAX_TILE_SECTION_BYTES, Shown};
+use mullion_common::wire::{Bye, Detail, MAX_TILE_SECTION_BYTES, Shown};
 use thiserror::Error;
 use tokio::sync::watch;
 
@@ -61,6 +61,17 @@ impl ShowBudget {
     }
 }
 
+fn check_detail(detail: Detail) -> Result<(), ServiceError> {
+    match detail {
+        _ if !detail.is_valid() => Err(ServiceError::Detail(format!("{} pixels; it must be 0 or more", detail.least_pixels))),
+        Detail { triangles: Some(0), .. } => Err(ServiceError::Detail("0 triangles; there must be more".to_owned())),
+        Detail { triangles: None, least_pixels: 0.0, .. } => {
+            Err(ServiceError::Detail("0 pixels and any number of triangles; that is all there is".to_owned()))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// How a show runs.
 #[derive(Clone, Debug)]
 pub struct ShowOptions {
@@ -87,6 +98,9 @@ pub struct ShowOptions {
     pub budget: Option<ShowBudget>,
     /// Whether all that is seen is drawn when the camera rests, whatever the budget.
     pub completes: bool,
+    /// How finely objects with vertex hierarchies are drawn, for packages that have some: triangles more than 0, or pixels. `None`: all
+    /// of their triangles are.
+    pub detail: Option<Detail>,
     /// Packages that other masters may insert: a standby must have what its master's scene grows by.
     pub insert_from: Option<Library>,
     /// Makes session numbers unguessable; `None`: random bytes, fresh for each run. Fixed ones let a simulation be run again.
@@ -110,6 +124,7 @@ impl ShowOptions {
             adaptive: None,
             budget: None,
             completes: true,
+            detail: None,
             insert_from: None,
             session_seed: None,
             succession: Succession::default(),
@@ -127,13 +142,17 @@ impl ShowOptions {
 impl Show {
     /// Whether its numbers are in their ranges, and its scene is one for them.
     pub(super) fn check(&self) -> Result<(), ServiceError> {
-        let ShowOptions { adaptive, budget, .. } = &self.options;
+        let ShowOptions { adaptive, budget, detail, .. } = &self.options;
         if let Some(threshold) = adaptive.filter(|threshold| !(*threshold > 0.0 && *threshold <= 1.0)) {
             return Err(ServiceError::Adaptive(threshold));
         }
         budget.map_or(Ok(()), ShowBudget::check)?;
-        let lacks_tessellation = budget.is_some() && self.package.scene.tessellation.is_none();
-        if lacks_tessellation { Err(ServiceError::NoTessellation) } else { Ok(()) }
+        if budget.is_some() && self.package.scene.tessellation.is_none() {
+            return Err(ServiceError::NoTessellation);
+        }
+        detail.map_or(Ok(()), check_detail)?;
+        let has_hierarchies = self.package.scene.vertex_hierarchies.as_ref().is_some_and(|table| !table.entries().is_empty());
+        if detail.is_none() || has_hierarchies { Ok(()) } else { Err(ServiceError::NoHierarchies) }
     }
 }
 
@@ -186,6 +205,10 @@ pub enum ServiceError {
         "scene: its tessellation has {length} bytes; nodes take at most {MAX_TILE_SECTION_BYTES}: prepare it with a larger --plp-leaf"
     )]
     TessellationTooLarge { length: u64 },
+    #[error(
+        "scene: the index of its vertex hierarchies has {length} bytes; nodes take at most {MAX_TILE_SECTION_BYTES}: prepare it without --lod"
+    )]
+    IndexTooLarge { length: u64 },
     #[error("rate: {0} frames a second; it must be more than 0")]
     Rate(f64),
     #[error("adaptive: {0} of the wall; it must be more than 0, and at most 1")]
@@ -194,6 +217,10 @@ pub enum ServiceError {
     Budget(String),
     #[error("budget: the scene has no tessellation; prepare it with --plp")]
     NoTessellation,
+    #[error("detail: {0}")]
+    Detail(String),
+    #[error("detail: the scene has no vertex hierarchies; prepare it with --lod")]
+    NoHierarchies,
     #[error("frame {frame}: {problem}")]
     Pose { frame: u64, problem: String },
     #[error("the master to stand by for refused: {0}")]

@@ -2,7 +2,7 @@
 
 use mullion_common::geometry::Plane;
 use mullion_common::scene::TessellationParts;
-use mullion_common::wire::Estimate;
+use mullion_common::wire::{Estimate, Primary};
 
 use super::*;
 
@@ -157,12 +157,14 @@ fn who_draws_nothing_fetches_none() {
 fn a_frames_order_comes_to_the_painter_as_it_is() {
     let mut session = with_tessellation();
     let planes = vec![Plane { normal: DVec3::Y, offset_m: 2.0 }];
-    let order = Estimate { triangles: 500, is_complete: false, pixels_per_radian: 800.0, planes };
-    for (number, estimate) in [(1, Some(order)), (2, None)] {
+    let (order, primary) = (Estimate { triangles: 500, is_complete: false }, Primary { pixels_per_radian: 800.0, planes });
+    for (number, orders) in [(1, Some((order, primary))), (2, None)] {
+        let (estimate, primary) = orders.unzip();
         let ToTile::Frame(plain) = frame(number, None, &[(0, 3)]) else { unreachable!("it is a frame") };
-        session.handle_message(ToTile::Frame(Frame { estimate: estimate.clone().map(Box::new), ..plain }));
+        session.handle_message(ToTile::Frame(Frame { estimate, primary: primary.clone().map(Box::new), ..plain }));
         let got = actions(&mut session);
-        assert!(matches!(got.last(), Some(Action::Draw(frame)) if frame.estimate == estimate), "{got:?}");
+        let Some(Action::Draw(drawn)) = got.last() else { panic!("{got:?}") };
+        assert_eq!((&drawn.estimate, &drawn.primary), (&estimate, &primary));
         session.drawn(number, DrawStats::default());
     }
 }

@@ -22,6 +22,7 @@
 mod bounds;
 mod bytes;
 mod check;
+mod index;
 mod link;
 mod table;
 
@@ -36,6 +37,7 @@ use crate::geometry::Aabb;
 
 pub use bounds::{NodeAxis, NodeBounds, NodeExtent, PackedBounds};
 pub use bytes::{BlockParts, VertexHierarchyError};
+pub use index::{BlobRef, HierarchyIndex, IndexedHierarchy, MAX_HIERARCHY_BLOB_BYTES};
 pub use link::{Link, LinkShape, MAX_LINK};
 pub use table::{HierarchyEntry, HierarchyTable, MAX_HIERARCHIES};
 

@@ -26,6 +26,26 @@ pub struct HierarchyEntry {
     blobs: Vec<Range<usize>>,
 }
 
+/// Which objects have a hierarchy already.
+pub(super) struct Owners {
+    has_one: Vec<bool>,
+}
+
+impl Owners {
+    /// In a scene of so many objects, none.
+    pub fn new(object_count: usize) -> Self {
+        Self { has_one: vec![false; object_count] }
+    }
+
+    /// Gives these objects to a hierarchy, or says why they cannot be its own.
+    pub fn claim(&mut self, objects: &[ObjectId]) -> Result<(), &'static str> {
+        let mut is_free =
+            |object: &ObjectId| self.has_one.get_mut(object.0 as usize).is_some_and(|has_one| !std::mem::replace(has_one, true));
+        let is_good = objects.is_sorted_by(|a, b| a.0 < b.0) && objects.iter().all(&mut is_free);
+        if is_good { Ok(()) } else { Err("an object is not there, has another one, or does not ascend") }
+    }
+}
+
 /// Hierarchies, their vertices as bytes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct HierarchyTable {
@@ -108,7 +128,7 @@ impl HierarchyTable {
         if count > MAX_HIERARCHIES {
             return Err(Error::Header { what: "hierarchy count", value: count, allowed: "0 to 16777216" });
         }
-        let mut has_one = vec![false; scene.transforms.len()];
+        let mut owners = Owners::new(scene.transforms.len());
         let mut entries: Vec<HierarchyEntry> = Vec::new();
         let mut length = 0usize;
         for hierarchy in 0..count {
@@ -119,13 +139,9 @@ impl HierarchyTable {
             }
             let mut objects: Vec<ObjectId> = Vec::new();
             for _ in 0..object_count {
-                let object = word()?;
-                let is_first = has_one.get_mut(object as usize).is_some_and(|has_one| !std::mem::replace(has_one, true));
-                if !is_first || objects.last().is_some_and(|last| last.0 >= object) {
-                    return Err(refuse("an object is not there, has another one, or does not ascend"));
-                }
-                objects.push(ObjectId(object));
+                objects.push(ObjectId(word()?));
             }
+            owners.claim(&objects).map_err(refuse)?;
             let mut blobs = Vec::new();
             for _ in 0..blob_count {
                 let end = length.checked_add(word()? as usize).ok_or(refuse("it is too long"))?;

@@ -1,4 +1,4 @@
-//! To which budget a frame's estimate of what is visible is drawn, and where it looks: the same for all nodes.
+//! Where a wall looks, and what it orders from there: estimates of what is visible, and levels of detail. The same for all nodes.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -6,14 +6,9 @@ use serde::{Deserialize, Serialize};
 use super::{MAX_PRIMARY_PLANES, WireError, within};
 use crate::geometry::Plane;
 
-/// What a frame spends on an estimate of what is visible, and into which part of space that looks. The eye is the frame's
-/// [`shared_eye`](super::Frame::shared_eye). It takes from visible sets, and is no part of them.
+/// Into which part of space a wall looks, and how finely. The eye is the frame's [`shared_eye`](super::Frame::shared_eye).
 #[derive(Debug, Default, PartialEq)]
-pub struct Estimate {
-    /// Most triangles of the estimate: one cut for all tiles of the wall.
-    pub triangles: u32,
-    /// The camera rests: all that is seen is drawn, whatever the budget.
-    pub is_complete: bool,
+pub struct Primary {
     /// Pixels that a length as far away as it is long covers on the wall's finest tile: above 0.
     pub pixels_per_radian: f32,
     /// The planes of the primary frustum in the world, with all that the wall sees on their positive side; at most
@@ -21,24 +16,42 @@ pub struct Estimate {
     pub planes: Vec<Plane>,
 }
 
-impl Clone for Estimate {
+/// What a frame spends on an estimate of what is visible. It takes from visible sets, and is no part of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Most triangles of the estimate: one cut for all tiles of the wall.
+    pub triangles: u32,
+    /// The camera rests: all that is seen is drawn, whatever the budget.
+    pub is_complete: bool,
+}
+
+/// How finely a frame draws what has vertex hierarchies. Visible sets stay what they are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Detail {
+    /// Most triangles of all that is simplified, all tiles of the wall together.
+    pub triangles: Option<u32>,
+    /// A surface may be wrong by so many pixels: 0 or more, finite.
+    pub least_pixels: f32,
+    /// Whether what is hidden stays coarse.
+    pub hides: bool,
+}
+
+impl Clone for Primary {
     fn clone(&self) -> Self {
         Self { planes: self.planes.clone(), ..*self }
     }
 
     /// Keeps the memory of planes: a frame takes none.
     fn clone_from(&mut self, source: &Self) {
-        let Self { triangles, is_complete, pixels_per_radian, ref planes } = *source;
-        (self.triangles, self.is_complete, self.pixels_per_radian) = (triangles, is_complete, pixels_per_radian);
+        let Self { pixels_per_radian, ref planes } = *source;
+        self.pixels_per_radian = pixels_per_radian;
         self.planes.clone_from(planes);
     }
 }
 
 /// The part of it that stands in a frame's head.
 #[derive(Serialize, Deserialize)]
-pub(super) struct EstimateHead {
-    triangles: u32,
-    is_complete: bool,
+pub(super) struct PrimaryHead {
     pixels_per_radian: f32,
     planes: u32,
 }
@@ -46,13 +59,12 @@ pub(super) struct EstimateHead {
 /// Normal and offset.
 const PLANE_BYTES: usize = size_of::<[f64; 4]>();
 
-impl Estimate {
+impl Primary {
     /// # Errors
     /// When there are too many planes.
-    pub(super) fn head(&self) -> Result<EstimateHead, WireError> {
-        let Self { triangles, is_complete, pixels_per_radian, ref planes } = *self;
-        within("planes of the primary frustum", planes.len(), MAX_PRIMARY_PLANES)?;
-        Ok(EstimateHead { triangles, is_complete, pixels_per_radian, planes: planes.len() as u32 })
+    pub(super) fn head(&self) -> Result<PrimaryHead, WireError> {
+        within("planes of the primary frustum", self.planes.len(), MAX_PRIMARY_PLANES)?;
+        Ok(PrimaryHead { pixels_per_radian: self.pixels_per_radian, planes: self.planes.len() as u32 })
     }
 
     pub(super) fn put_planes(&self, out: &mut Vec<u8>) {
@@ -62,8 +74,8 @@ impl Estimate {
     }
 
     /// Reads the planes that stand behind a head.
-    pub(super) fn take(head: &EstimateHead, bytes: &mut &[u8]) -> Result<Self, WireError> {
-        let EstimateHead { triangles, is_complete, pixels_per_radian, planes } = *head;
+    pub(super) fn take(head: &PrimaryHead, bytes: &mut &[u8]) -> Result<Self, WireError> {
+        let PrimaryHead { pixels_per_radian, planes } = *head;
         within("planes of the primary frustum", planes as usize, MAX_PRIMARY_PLANES)?;
         if !(pixels_per_radian.is_finite() && pixels_per_radian > 0.0) {
             return Err(WireError::NotFinite { what: "pixels per radian" });
@@ -78,9 +90,16 @@ impl Estimate {
         };
         let planes: Vec<Plane> = own.chunks_exact(PLANE_BYTES).map(plane).collect();
         if planes.iter().all(|plane| plane.normal.is_finite() && plane.offset_m.is_finite()) {
-            Ok(Self { triangles, is_complete, pixels_per_radian, planes })
+            Ok(Self { pixels_per_radian, planes })
         } else {
             Err(WireError::NotFinite { what: "a plane of the primary frustum" })
         }
+    }
+}
+
+impl Detail {
+    /// Whether its pixels are in their range.
+    pub fn is_valid(&self) -> bool {
+        self.least_pixels.is_finite() && self.least_pixels >= 0.0
     }
 }
