@@ -12,6 +12,7 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Projection;
 use mullion_common::wire::{Moved, ObjectCount, ViewSpec};
 
+use crate::detailing::Detailing;
 use crate::estimating::Estimating;
 use crate::frame::{FrameInput, Planner, ViewInput};
 use crate::gpu::{Attachments, Gpu, GpuError, Renderer, ViewTarget};
@@ -58,6 +59,7 @@ struct OpenScene {
     counting: Counting,
     /// Where the scene has a tessellation.
     estimating: Option<Estimating>,
+    detailing: Detailing,
     /// By place of the view: triangles drawn in this frame.
     triangles: Vec<u64>,
     /// The last frame, if all that is seen of it was drawn within its estimate, and what that took.
@@ -159,6 +161,7 @@ impl Painter for GpuPainter {
             drawn: vec![VisibleSet::default(); views.len()],
             counting: Counting::default(),
             estimating: None,
+            detailing: Detailing::default(),
             triangles: vec![0; views.len()],
             complete: None,
         });
@@ -169,6 +172,19 @@ impl Painter for GpuPainter {
         let scene = self.scene()?;
         scene.renderer.keep_indices();
         scene.estimating = Some(Estimating::new(Arc::clone(tessellation), scene.views.len()));
+        Ok(())
+    }
+
+    fn take_hierarchy(&mut self, number: u32, objects: &[ObjectId], blob: &[u8]) -> Result<Option<u64>, PaintError> {
+        let scene = self.scene()?;
+        scene.complete = None;
+        Ok(scene.detailing.take(&scene.manifest, (number, objects), blob))
+    }
+
+    fn forget_hierarchy(&mut self, number: u32) -> Result<(), PaintError> {
+        let scene = self.scene()?;
+        scene.complete = None;
+        scene.detailing.forget(number);
         Ok(())
     }
 
@@ -205,7 +221,7 @@ impl Painter for GpuPainter {
 
     fn draw(&mut self, frame: &FrameToDraw) -> Result<DrawStats, PaintError> {
         let start = Instant::now();
-        let Some(OpenScene { manifest, views, renderer, has_changed, drawn, estimating, triangles, complete, .. }) =
+        let Some(OpenScene { manifest, views, renderer, has_changed, drawn, estimating, detailing, triangles, complete, .. }) =
             &mut self.scene
         else {
             return Err(PaintError::Failed("a frame before there is a scene".to_owned()));
@@ -218,6 +234,10 @@ impl Painter for GpuPainter {
         for (drawn, view) in drawn.iter_mut().zip(&frame.views) {
             view.leaves.difference_into(&frame.dropped, drawn);
         }
+        if *has_changed {
+            detailing.note_moved();
+        }
+        detailing.find(renderer, views, frame, drawn).map_err(failed)?;
         let mut inputs: Vec<ViewInput<'_>> = views
             .iter()
             .zip(&frame.views)
@@ -226,6 +246,7 @@ impl Painter for GpuPainter {
                 ViewInput::new(spec.view, projection(spec, view.eye, &frame.world_from_room), drawn, &view.missing)
             })
             .collect();
+        inputs.iter_mut().enumerate().for_each(|(place, input)| input.cuts = detailing.of_view(place));
         if let Some(estimating) = estimating {
             if *has_changed {
                 estimating.leave_out_moved(manifest, renderer.transforms());

@@ -7,6 +7,7 @@
 //! ```
 
 mod connection;
+mod detailing;
 pub mod disk_cache;
 mod estimating;
 pub mod frame;
