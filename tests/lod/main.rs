@@ -6,7 +6,9 @@ mod meshes;
 mod surface;
 
 use glam::{DAffine3, DVec3};
-use mullion_client::lod::{BoundsKind, Cut, DepthOccluder, Hidden, LodObject, LodOptions, LodSight, Occluder, Refinement};
+use mullion_client::lod::{
+    BoundsKind, Cut, DepthOccluder, Hidden, LodObject, LodOptions, LodSight, Occluder, OccluderFrom, Refinement,
+};
 use mullion_common::geometry::Plane;
 use mullion_common::scene::{VertexHierarchy, VertexId};
 use mullion_common::wall::Projection;
@@ -147,7 +149,7 @@ fn random_answers_give_surfaces_within_the_budget() {
                 _ if random.chance(0.5) => Hidden::Split,
                 _ => Hidden::Node,
             });
-            refinement.refine(&objects, &sight, &options, Some(&mut occluder));
+            refinement.refine(&objects, &sight, &options, Some((&mut occluder, OccluderFrom::ThisFrame)));
             assert!(refinement.triangle_count() <= budget, "{name}, frame {frame}: above the budget");
             assert_eq!(refinement.triangle_count(), refinement.cuts()[0].triangle_count());
             whole.assert_is_coarser(hierarchy, &refinement.cuts()[0], &format!("{name}, frame {frame}"));
@@ -165,15 +167,15 @@ fn what_was_found_before_changes_nothing() {
     for frame in 0..20 {
         let sight = looking(DVec3::new(5.0 - f64::from(frame) * 0.3, 3.0, 9.0 - f64::from(frame % 7)));
         let options = LodOptions { budget: 1500 + 100 * (frame % 4), occluders: SOON, ..LodOptions::default() };
-        since_long.refine(&objects, &sight, &options, Some(&mut occluder));
+        since_long.refine(&objects, &sight, &options, Some((&mut occluder, OccluderFrom::ThisFrame)));
         let mut fresh = Refinement::new();
-        fresh.refine(&objects, &sight, &options, Some(&mut occluder));
+        fresh.refine(&objects, &sight, &options, Some((&mut occluder, OccluderFrom::ThisFrame)));
         for ((object, old), new) in objects.iter().zip(since_long.cuts()).zip(fresh.cuts()) {
             assert_eq!(sorted(old, object.hierarchy), sorted(new, object.hierarchy), "frame {frame}");
         }
         assert_eq!(since_long.steps(), fresh.steps());
     }
-    assert_eq!(occluder.drawn, 80, "two occluders in each of forty refinements");
+    assert_eq!(occluder.drawn, 120, "two occluders in each of forty refinements, and what was found");
 }
 
 #[test]
@@ -219,7 +221,12 @@ fn hidden_parts_stay_coarse() {
         if bounds.center.y + bounds.extent.half_box.y > 0.0 { Hidden::Nothing } else { Hidden::Node }
     });
     for odd_levels in [false, true] {
-        refinement.refine(&objects, &sight, &LodOptions { odd_levels, ..options }, Some(&mut occluder));
+        refinement.refine(
+            &objects,
+            &sight,
+            &LodOptions { odd_levels, ..options },
+            Some((&mut occluder, OccluderFrom::ThisFrame)),
+        );
         let (with, questions) = (above(&refinement), refinement.question_count());
         assert!(without < 0.6 && with > 0.68, "{without} of the triangles without questions, {with} with {questions}");
         assert!(questions > 50 && questions < refinement.steps() * 2, "{questions} for {} steps", refinement.steps());
@@ -264,7 +271,7 @@ fn frames_take_no_memory() {
         let eye = DVec3::new(5.0 + f64::from(number % 4), 3.0, 9.0);
         let world_from_room = DAffine3::from_translation(eye);
         occluder.look(&Projection::through_rectangle(DVec3::ZERO, corners, 0.1, &world_from_room));
-        refinement.refine(&objects, &looking(eye), &options, Some(&mut occluder));
+        refinement.refine(&objects, &looking(eye), &options, Some((&mut occluder, OccluderFrom::ThisFrame)));
     };
     (0..24).for_each(&mut frame);
     let counted = allocation_counter::measure(|| (0..8).for_each(&mut frame));

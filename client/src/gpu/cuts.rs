@@ -1,7 +1,7 @@
 //! Cuts of vertex hierarchies on the GPU: the vertices and triangles that are there, written anew when they change. A cut is as large as its
 //! budget, however large its mesh.
 
-use mullion_common::scene::{MaterialId, ObjectId, VertexHierarchy, VertexId};
+use mullion_common::scene::{MaterialId, ObjectId, VertexHierarchy};
 
 use super::arena::Vertex;
 use super::device::{Gpu, GpuError};
@@ -65,20 +65,20 @@ impl Cuts {
             uv: data.uvs.get(v.index()).copied().unwrap_or_default(),
             color: data.colors.get(v.index()).copied().unwrap_or([255; 4]),
         }));
-        let place = |v: VertexId| cut.place(v);
         let materials = &hierarchy.base().materials;
-        let mut put = |material: MaterialId, triangles: &mut dyn Iterator<Item = [VertexId; 3]>| {
+        let mut put = |material: MaterialId, triangles: &mut dyn Iterator<Item = [u32; 3]>| {
             let first_index = self.staged_indices.len() as u32;
-            triangles.for_each(|t| self.staged_indices.extend(t.map(place)));
+            triangles.for_each(|t| self.staged_indices.extend(t));
             let index_count = self.staged_indices.len() as u32 - first_index;
             self.draws.push(CutDraw { object: *object, leaf: *leaf, material, first_index, index_count, first_vertex });
         };
         if let [material] = materials[..] {
-            put(material, &mut cut.triangles(hierarchy));
+            put(material, &mut cut.placed_triangles(hierarchy));
             return;
         }
         for material in materials {
-            put(*material, &mut cut.triangles(hierarchy).filter(|t| hierarchy.material(t[0]) == *material));
+            let of_material = cut.triangles(hierarchy).filter(|t| hierarchy.material(t[0]) == *material);
+            put(*material, &mut of_material.map(|t| t.map(|vertex| cut.place(vertex))));
         }
     }
 }

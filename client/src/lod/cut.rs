@@ -216,16 +216,35 @@ impl Cut {
 
     /// The triangles that are there, counterclockwise from the front. The first of each tells its material.
     pub fn triangles<'a>(&'a self, hierarchy: &'a VertexHierarchy) -> impl Iterator<Item = [VertexId; 3]> + 'a {
-        let base = hierarchy.base().triangles.iter().enumerate();
-        let of_base = base.filter(|(at, _)| self.base_triangles[at / 64] >> (at % 64) & 1 != 0).map(|(_, t)| t.map(VertexId));
-        let made = self.slots.iter().flat_map(move |slot| {
-            let mut left = slot.triangles;
-            std::iter::from_fn(move || {
-                let number = (left != 0).then(|| left.trailing_zeros())?;
-                left &= left - 1;
-                Some(hierarchy.triangle(TrianglePlace { maker: slot.vertex, number }))
-            })
-        });
+        self.base_triangles(hierarchy).chain(self.slots.iter().flat_map(move |slot| slot.triangles(hierarchy)))
+    }
+
+    /// The same, each vertex by its place among [`Cut::vertices`].
+    pub fn placed_triangles<'a>(&'a self, hierarchy: &'a VertexHierarchy) -> impl Iterator<Item = [u32; 3]> + 'a {
+        let of_base = self.base_triangles(hierarchy).map(|t| t.map(|vertex| self.place(vertex)));
+        let made = (0..)
+            .zip(&self.slots)
+            .flat_map(move |(place, slot)| slot.triangles(hierarchy).map(move |[_, a, b]| [place, self.place(a), self.place(b)]));
         of_base.chain(made)
+    }
+
+    fn base_triangles<'a>(&'a self, hierarchy: &'a VertexHierarchy) -> impl Iterator<Item = [VertexId; 3]> + 'a {
+        let base = hierarchy.base().triangles.iter().enumerate();
+        base.filter(|(at, _)| self.base_triangles[at / 64] >> (at % 64) & 1 != 0).map(|(_, t)| t.map(VertexId))
+    }
+}
+
+impl Slot {
+    /// Those that its vertex made and that are there, the vertex first.
+    #[inline]
+    fn triangles(&self, hierarchy: &VertexHierarchy) -> impl Iterator<Item = [VertexId; 3]> {
+        let (vertex, mut left) = (self.vertex, self.triangles);
+        let link = (left != 0).then(|| hierarchy.link(vertex));
+        std::iter::from_fn(move || {
+            let (link, number) = (link.filter(|_| left != 0)?, left.trailing_zeros());
+            left &= left - 1;
+            let (a, b) = link.edge(number);
+            Some([vertex, VertexId(a), VertexId(b)])
+        })
     }
 }

@@ -11,6 +11,8 @@ pub(super) struct Node {
     pub pixels: f32,
     pub object: u32,
     pub lead: VertexId,
+    /// What the lead splits from.
+    pub parent: VertexId,
     /// Whether what it comes from was asked and found visible: then it is not asked.
     pub is_seen: bool,
     /// Whether what its vertex splits into next has been offered.

@@ -16,7 +16,7 @@ mod sight;
 
 pub use cut::Cut;
 pub use occluder::{BoundsKind, DepthOccluder};
-pub use refinement::{Hidden, LodOptions, Occluder, Refinement};
+pub use refinement::{Hidden, LodOptions, Occluder, OccluderFrom, Refinement};
 pub use sight::{LodSight, NodeSight};
 
 use glam::DAffine3;

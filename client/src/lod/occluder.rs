@@ -80,8 +80,8 @@ impl DepthOccluder {
             let near = if clip.w > 0.0 { clip.w.recip() } else { f32::NAN };
             Vec3::new(half.x + clip.x * near * half.x, half.y - clip.y * near * half.y, near)
         }));
-        for corners in cut.triangles(hierarchy) {
-            let corners = corners.map(|vertex| self.placed[cut.place(vertex) as usize]);
+        for corners in cut.placed_triangles(hierarchy) {
+            let corners = corners.map(|place| self.placed[place as usize]);
             fill((*width, *height), near, corners, facing);
         }
     }
@@ -198,7 +198,12 @@ impl Occluder for DepthOccluder {
     }
 
     fn hides(&mut self, object: usize, hierarchy: &VertexHierarchy, lead: VertexId) -> Hidden {
-        let spread = self.clip_from_local.get(object).and_then(|clip| self.spread(clip, hierarchy, lead));
+        let Some(clip_from_local) = self.clip_from_local.get(object) else { return Hidden::Nothing };
+        // Bounds enclose the vertex: what shows that shows something of them.
+        if self.shows(*clip_from_local * hierarchy.position(lead).extend(1.0)) {
+            return Hidden::Nothing;
+        }
+        let spread = self.spread(clip_from_local, hierarchy, lead);
         match (spread.is_some_and(|spread| self.is_behind(&spread)), self.kind) {
             (false, _) => Hidden::Nothing,
             (true, BoundsKind::Link) => Hidden::Split,
@@ -208,6 +213,15 @@ impl Occluder for DepthOccluder {
 }
 
 impl DepthOccluder {
+    /// Whether a point is before all that was drawn at its pixel.
+    fn shows(&self, clip: Vec4) -> bool {
+        let Level { width, height, near } = &self.levels[0];
+        let nearness = clip.w.recip();
+        let [x, y] = [clip.x * nearness * 0.5 + 0.5, 0.5 - clip.y * nearness * 0.5];
+        let is_inside = clip.w > 0.0 && (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
+        is_inside && near[(y * *height as f32) as usize * width + (x * *width as f32) as usize] <= nearness
+    }
+
     /// Whether everything there is behind what was drawn, or outside.
     fn is_behind(&self, Spread { low, high }: &Spread) -> bool {
         let (width, height) = (self.levels[0].width as f32, self.levels[0].height as f32);
@@ -245,22 +259,22 @@ enum Facing {
 fn fill((width, height): (usize, usize), near: &mut [f32], [a, b, c]: [Vec3; 3], facing: Facing) {
     let (ab, ac) = (b.xy() - a.xy(), c.xy() - a.xy());
     let doubled = ab.perp_dot(ac);
-    // Rows count downwards: counterclockwise is below 0.
+    // Rows count downwards: counterclockwise is below 0. What is behind the eye is no number.
     let is_drawn = match facing {
         Facing::Counterclockwise => doubled < 0.0,
         Facing::Clockwise => doubled > 0.0,
-        Facing::Either => doubled != 0.0,
+        Facing::Either => doubled < 0.0 || doubled > 0.0,
     };
-    if !is_drawn || !(a.z + b.z + c.z).is_finite() {
+    if !is_drawn {
         return;
     }
-    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-    let span = |low: f32, high: f32, size: usize| {
-        let first = (low - 0.5).ceil().max(0.0);
-        let end = (high + 0.5).floor().min(size as f32);
-        (first as usize, end.max(0.0) as usize)
-    };
-    let ((left, right), (top, bottom)) = (span(low.x, high.x, width), span(low.y, high.y, height));
+    let (low, high) = (a.min(b).min(c) + 0.5, a.max(b).max(c) + 0.5);
+    // From the first to the last pixel whose middle is between; as integers numbers below 0 are 0.
+    let (left, right) = (low.x as usize, (high.x as usize).min(width));
+    let (top, bottom) = (low.y as usize, (high.y as usize).min(height));
+    if left >= right || top >= bottom {
+        return;
+    }
     // Weights of b and c, and nearness, are linear in the picture.
     let inverse = doubled.recip();
     let (b_x, b_y) = (ac.y * inverse, -ac.x * inverse);
@@ -269,7 +283,7 @@ fn fill((width, height): (usize, usize), near: &mut [f32], [a, b, c]: [Vec3; 3],
     for y in top..bottom {
         let (dx, dy) = (left as f32 + 0.5 - a.x, y as f32 + 0.5 - a.y);
         let (from_b, from_c) = (b_x * dx + b_y * dy, c_x * dx + c_y * dy);
-        for (x, pixel) in near[y * width..][left..right.max(left)].iter_mut().enumerate() {
+        for (x, pixel) in near[y * width..][left..right].iter_mut().enumerate() {
             let (weight_b, weight_c) = (from_b + b_x * x as f32, from_c + c_x * x as f32);
             let is_inside = weight_b.min(weight_c) >= 0.0 && weight_b + weight_c <= 1.0;
             let found = a.z + weight_b * near_b + weight_c * near_c;

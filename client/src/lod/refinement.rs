@@ -47,6 +47,15 @@ pub trait Occluder {
     fn hides(&mut self, object: usize, hierarchy: &VertexHierarchy, lead: VertexId) -> Hidden;
 }
 
+/// Where a frame's occluder comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OccluderFrom {
+    /// It is drawn on the way, at the steps of the options, and at last from what was found: for frames that keep it.
+    ThisFrame,
+    /// It is as an earlier frame drew it, as long as that saw about the same: what is asked costs little, and it is asked from the first.
+    EarlierFrame,
+}
+
 /// What is behind an occluder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hidden {
@@ -65,7 +74,7 @@ const FEWEST_LEFT: u32 = 2;
 
 /// The refinement of several objects under one budget.
 ///
-/// What it finds is a function of what it is given, whatever it found before: whoever is given the same finds the same. Only the way there
+/// What it finds is a function of what it is given, an occluder that was kept included, whatever it found before: whoever is given the same finds the same. Only the way there
 /// is short where little has changed: the cuts of the last frame are kept, and what differs is split or taken back. Takes memory only while
 /// its cuts grow.
 #[derive(Debug, Default)]
@@ -134,13 +143,14 @@ impl Refinement {
         objects: &[LodObject<'_>],
         sight: &LodSight<'_>,
         options: &LodOptions,
-        mut occluder: Option<&mut (dyn Occluder + '_)>,
+        mut occluder: Option<(&mut (dyn Occluder + '_), OccluderFrom)>,
     ) {
         self.begin(objects, sight);
-        let mut drawn = 0;
+        let keeps = occluder.as_ref().is_some_and(|(_, from)| *from == OccluderFrom::EarlierFrame);
+        let mut drawn = if keeps { MAX_OCCLUDERS } else { 0 };
         let mut misfits = 0;
         loop {
-            if let Some(occluder) = &mut occluder
+            if let Some((occluder, _)) = &mut occluder
                 && options.occluders.get(drawn).is_some_and(|steps| self.steps >= *steps)
             {
                 self.draw_occluder(objects, drawn, *occluder);
@@ -153,7 +163,7 @@ impl Refinement {
             let object = node.object as usize;
             let hierarchy = objects[object].hierarchy;
             if !self.chosen[object].has(node.lead) {
-                if let Some(occluder) = occluder.as_mut().filter(|_| drawn > 0) {
+                if let Some((occluder, _)) = occluder.as_mut().filter(|_| drawn > 0) {
                     // Questions may be asked at every other level: what is below a node that is seen is likely seen.
                     if !node.is_seen {
                         self.question_count += 1;
@@ -187,6 +197,9 @@ impl Refinement {
         }
         let cuts = self.cuts.iter_mut().zip(&self.chosen).zip(objects);
         cuts.for_each(|((cut, chosen), object)| chosen.follow(object.hierarchy, cut));
+        if let Some((occluder, OccluderFrom::ThisFrame)) = occluder {
+            occluder.draw(objects, &self.cuts);
+        }
     }
 
     fn begin(&mut self, objects: &[LodObject<'_>], sight: &LodSight<'_>) {
@@ -207,11 +220,10 @@ impl Refinement {
             let hierarchy = object.hierarchy;
             self.chosen[number].begin(hierarchy.vertex_count() as usize);
             self.triangle_count += hierarchy.base().triangles.len() as u32;
-            for lead in (0..hierarchy.base_count()).filter_map(|v| hierarchy.first_child(VertexId(v))) {
-                self.offer(
-                    hierarchy,
-                    Node { pixels: f32::INFINITY, object: number as u32, lead, is_seen: false, is_followed: false },
-                );
+            let children = (0..hierarchy.base_count()).map(VertexId).filter_map(|v| Some((v, hierarchy.first_child(v)?)));
+            for (parent, lead) in children {
+                let object = number as u32;
+                self.offer(hierarchy, Node { pixels: f32::INFINITY, object, lead, parent, is_seen: false, is_followed: false });
             }
         }
     }
@@ -219,7 +231,9 @@ impl Refinement {
     /// Puts a node into the queue, if it is in sight. It is as wrong as its bounds say, and no more than what it comes from.
     #[inline]
     fn offer(&mut self, hierarchy: &VertexHierarchy, node: Node) {
-        if let NodeSight::Pixels(pixels) = self.sights[node.object as usize].of(hierarchy.packed_bounds(node.lead)) {
+        if let NodeSight::Pixels(pixels) =
+            self.sights[node.object as usize].of((hierarchy.position(node.parent), hierarchy.packed_bounds(node.lead)))
+        {
             self.queue.push(Node { pixels: pixels.min(node.pixels), ..node });
         }
     }
@@ -231,7 +245,7 @@ impl Refinement {
         }
         for vertex in hierarchy.together(node.lead) {
             if let Some(lead) = hierarchy.first_child(vertex) {
-                self.offer(hierarchy, Node { lead, is_followed: false, ..*node });
+                self.offer(hierarchy, Node { lead, parent: vertex, is_followed: false, ..*node });
             }
         }
     }

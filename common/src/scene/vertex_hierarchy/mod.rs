@@ -267,21 +267,21 @@ impl VertexHierarchy {
     /// The next finer of the leads that split from the same vertex.
     #[inline]
     pub fn next_sibling(&self, lead: VertexId) -> Option<VertexId> {
-        let is_last = self.last_child[self.parent(lead).index()] == lead.0;
-        (!is_last).then(|| VertexId(self.next_sibling[lead.index()]))
+        // Siblings ascend, and after the last comes the first.
+        let next = self.next_sibling[lead.index()];
+        (next > lead.0).then_some(VertexId(next))
     }
 
     /// What encloses a lead's node: everything that its parent turns into by this split and later ones, down to the triangles of the mesh.
     #[inline]
     pub fn bounds(&self, lead: VertexId) -> NodeBounds {
-        let (center, bounds) = self.packed_bounds(lead);
-        bounds.around(center)
+        self.packed_bounds(lead).around(self.position(self.parent(lead)))
     }
 
-    /// The same as it is stored, and the centre.
+    /// The same as it is stored; its centre is the parent's position.
     #[inline]
-    pub fn packed_bounds(&self, lead: VertexId) -> (Vec3, &PackedBounds) {
-        (self.position(self.parent(lead)), &self.split(lead).bounds)
+    pub fn packed_bounds(&self, lead: VertexId) -> &PackedBounds {
+        &self.split(lead).bounds
     }
 
     /// Only the error of [`VertexHierarchy::bounds`], metres.

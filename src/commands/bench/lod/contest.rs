@@ -7,7 +7,7 @@ use anyhow::Result;
 use image::RgbaImage;
 use mullion_client::frame::Planner;
 use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
-use mullion_client::lod::{BoundsKind, DepthOccluder, LodOptions, LodSight, Occluder, Refinement};
+use mullion_client::lod::{BoundsKind, DepthOccluder, LodOptions, LodSight, Occluder, OccluderFrom, Refinement};
 use mullion_common::scene::ObjectId;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
@@ -48,7 +48,7 @@ impl Way {
     }
 
     /// How long it takes.
-    fn refine(&mut self, subject: &Subject, look: &Look, options: &LodOptions) -> Duration {
+    fn refine(&mut self, subject: &Subject, look: &Look, options: &LodOptions, from: OccluderFrom) -> Duration {
         let start = Instant::now();
         let sight = LodSight {
             eye: look.projection.eye,
@@ -58,7 +58,7 @@ impl Way {
         };
         let occluder = self.occluder.as_mut().map(|occluder| {
             occluder.look(&look.projection);
-            occluder as &mut dyn Occluder
+            (occluder as &mut dyn Occluder, from)
         });
         self.refinement.refine(&subject.objects(), &sight, options, occluder);
         start.elapsed()
@@ -133,11 +133,13 @@ impl<'a> Contest<'a> {
         let fine = self.refine_finely(&first, &whole)?;
         for frame in 0..self.options.frames {
             let look = self.view.look(self.subject, frame, self.options.size);
+            let is_kept = frame % u64::from(self.options.keep) != 0;
+            let from = if is_kept { OccluderFrom::EarlierFrame } else { OccluderFrom::ThisFrame };
             for turn in 0..self.ways.len() {
                 // Whoever comes first has the colder caches: they take turns.
                 let at = (turn + frame as usize) % self.ways.len();
                 let way = &mut self.ways[at];
-                let refined = way.refine(self.subject, &look, &lod);
+                let refined = way.refine(self.subject, &look, &lod, from);
                 let drawn = self.drawing.as_mut().map(|drawing| drawing.draw(&look, way, &self.ids)).transpose()?;
                 let seen = way.seen(self.subject, &look, size_px);
                 if frame == 0 {
@@ -174,7 +176,7 @@ impl<'a> Contest<'a> {
     fn refine_finely(&mut self, look: &Look, whole: &Seen) -> Result<FineFigures> {
         let lod = self.lod_options(u32::MAX, self.options.pixel_error);
         let mut way = Way::new(String::new(), self.ways.get(1).and_then(|way| way.bounds), self.options.occluder_px);
-        way.refine(self.subject, look, &lod);
+        way.refine(self.subject, look, &lod, OccluderFrom::ThisFrame);
         let seen = way.seen(self.subject, look, whole.size_px());
         Ok(FineFigures {
             pixel_error: self.options.pixel_error,
