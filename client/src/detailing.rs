@@ -11,15 +11,15 @@ use mullion_common::wall::Projection;
 use mullion_common::wire::{Detail, Primary, ViewSpec};
 
 use crate::gpu::{CutObject, GpuError, Renderer};
-use crate::lod::{BoundsKind, DepthOccluder, LodObject, LodOptions, LodSight, Occluder, OccluderFrom, Refinement};
+use crate::lod::{
+    BoundsKind, DepthOccluder, LodObject, LodOptions, LodSight, Occluder, OccluderCourse, OccluderFrom, Refinement,
+};
 use crate::tile_session::FrameToDraw;
 
 /// Width and height of the occluder's picture: of the whole wall, whatever its shape.
 const OCCLUDER_PX: [u32; 2] = [256, 256];
 /// After so many splits the occluder is drawn: the paper's two (section 4), and on for cuts that are larger than the paper's.
 const OCCLUDERS: [u32; 4] = [300, 2500, 20_000, 160_000];
-/// Frames whose number is a multiple of this draw it anew: nodes that come late agree from there on.
-const KEPT_FRAMES: u64 = 8;
 /// No node counts as nearer than this, metres.
 const NEAR_M: f64 = 1e-3;
 
@@ -34,8 +34,9 @@ pub(crate) struct Detailing {
     covered: VisibleSet,
     refinement: Refinement,
     occluder: Option<DepthOccluder>,
-    /// Whether the cuts were found with an occluder of an earlier frame.
-    is_kept: bool,
+    course: OccluderCourse,
+    /// Whether the cuts were found with an occluder of this view, or nothing could hide.
+    is_final: bool,
     /// By place of the view: the objects that are drawn by their cuts.
     cuts: Vec<Vec<ObjectId>>,
     /// Hierarchies have come or gone, or objects have moved.
@@ -103,7 +104,7 @@ impl Detailing {
     fn count_parts(&mut self) {
         self.covered = VisibleSet::from_ranges(self.parts.iter().flat_map(|part| part.leaves.ranges().iter().copied()));
         self.refinement.forget();
-        self.occluder = None;
+        self.course = OccluderCourse::default();
         self.has_changed = true;
     }
 
@@ -128,9 +129,9 @@ impl Detailing {
             return Ok(());
         }
         let is_known = self.found.as_ref().is_some_and(|(eye, of, by)| (eye, of, by) == (&frame.shared_eye, primary, detail));
-        let is_due = frame.number.is_multiple_of(KEPT_FRAMES);
-        if !is_known || self.has_changed || (self.is_kept && is_due) {
-            self.refine(renderer.transforms(), frame.shared_eye, (primary, detail), is_due);
+        let from = self.course.at(frame.number);
+        if !is_known || self.has_changed || (!self.is_final && from == Some(OccluderFrom::ThisFrame)) {
+            self.refine(renderer.transforms(), frame.shared_eye, (primary, detail), from);
             let objects = self.parts.iter().zip(self.refinement.cuts()).filter_map(|(part, cut)| {
                 let hierarchy = self.hierarchies[part.hierarchy].as_ref()?;
                 let leaf = part.leaves.ranges().first()?.start;
@@ -155,7 +156,13 @@ impl Detailing {
         Ok(())
     }
 
-    fn refine(&mut self, transforms: &[Transform], eye: DVec3, (primary, detail): (&Primary, &Detail), is_due: bool) {
+    fn refine(
+        &mut self,
+        transforms: &[Transform],
+        eye: DVec3,
+        (primary, detail): (&Primary, &Detail),
+        from: Option<OccluderFrom>,
+    ) {
         let objects: Vec<LodObject<'_>> = (self.parts.iter())
             .filter_map(|part| {
                 Some(LodObject {
@@ -175,17 +182,17 @@ impl Detailing {
         };
         // A wall that looks all around has no picture of its own: nothing is taken to be hidden.
         let projection = if detail.hides { Projection::within(eye, &primary.planes, NEAR_M) } else { None };
-        let from = if is_due || self.occluder.is_none() { OccluderFrom::ThisFrame } else { OccluderFrom::EarlierFrame };
-        self.is_kept = projection.is_some() && from == OccluderFrom::EarlierFrame;
-        if projection.is_none() {
-            self.occluder = None;
-        }
-        let occluder = projection.map(|projection| {
+        self.is_final = projection.is_none() || from == Some(OccluderFrom::ThisFrame);
+        let occluder = projection.zip(from).map(|(projection, from)| {
             let occluder = self.occluder.get_or_insert_with(|| DepthOccluder::new(OCCLUDER_PX, BoundsKind::default()));
             occluder.look(&projection);
             (occluder as &mut dyn Occluder, from)
         });
+        let is_drawn = occluder.as_ref().is_some_and(|(_, from)| *from == OccluderFrom::ThisFrame);
         self.refinement.refine(&objects, &sight, &options, occluder);
+        if is_drawn {
+            self.course.note(&self.refinement);
+        }
     }
 
     /// Which objects each view draws by their cuts: those that any view of the node sees, where they are in its frustum. A cut may reach into

@@ -8,12 +8,14 @@
 //! ```
 //! Whatever the occluder says: a closed mesh is drawn closed, and never a triangle above the budget.
 
+mod course;
 mod cut;
 mod heap;
 mod occluder;
 mod refinement;
 mod sight;
 
+pub use course::OccluderCourse;
 pub use cut::Cut;
 pub use occluder::{BoundsKind, DepthOccluder};
 pub use refinement::{Hidden, LodOptions, Occluder, OccluderFrom, Refinement};

@@ -43,7 +43,7 @@ pub trait Occluder {
     /// Takes what the objects look like so far, in place of what it had. `sights` is of each.
     fn draw(&mut self, objects: &[LodObject<'_>], cuts: &[Cut]);
 
-    /// Whether a node of an object is behind what was drawn.
+    /// Whether a node of an object is behind what was drawn. The same until that is drawn anew: nobody asks twice.
     fn hides(&mut self, object: usize, hierarchy: &VertexHierarchy, lead: VertexId) -> Hidden;
 }
 
@@ -57,9 +57,10 @@ pub enum OccluderFrom {
 }
 
 /// What is behind an occluder.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Hidden {
     /// Nothing, as far as is known.
+    #[default]
     Nothing,
     /// What the node's split changes. What else its vertex splits into may be seen.
     Split,
@@ -89,6 +90,8 @@ pub struct Refinement {
     hidden: Vec<Node>,
     /// What a split needs.
     needed: Vec<VertexId>,
+    /// Which picture the occluder has.
+    picture: u32,
     triangle_count: u32,
     steps: u32,
     question_count: u32,
@@ -97,10 +100,20 @@ pub struct Refinement {
 /// The leads of one object that are to be split.
 #[derive(Debug, Default)]
 struct Chosen {
-    /// Of each vertex in which of the last frames it was chosen.
-    frames: Vec<u32>,
+    /// By lead.
+    known: Vec<Known>,
     frame: u32,
     leads: Vec<VertexId>,
+}
+
+/// What is known of a lead.
+#[derive(Clone, Copy, Debug, Default)]
+struct Known {
+    /// In which frame it was chosen last.
+    frame: u32,
+    /// What an occluder answered, and which: 0 is none.
+    picture: u32,
+    answer: Hidden,
 }
 
 impl Chosen {
@@ -108,19 +121,19 @@ impl Chosen {
         self.leads.clear();
         self.frame = self.frame.wrapping_add(1);
         if self.frame == 0 {
-            self.frames.clear();
+            self.known.clear();
             self.frame = 1;
         }
-        self.frames.resize(vertices.max(self.frames.len()), 0);
+        self.known.resize(vertices.max(self.known.len()), Known::default());
     }
 
     #[inline]
     fn has(&self, lead: VertexId) -> bool {
-        self.frames[lead.index()] == self.frame
+        self.known[lead.index()].frame == self.frame
     }
 
     fn put(&mut self, lead: VertexId) {
-        self.frames[lead.index()] = self.frame;
+        self.known[lead.index()].frame = self.frame;
         self.leads.push(lead);
     }
 
@@ -166,8 +179,12 @@ impl Refinement {
                 if let Some((occluder, _)) = occluder.as_mut().filter(|_| drawn > 0) {
                     // Questions may be asked at every other level: what is below a node that is seen is likely seen.
                     if !node.is_seen {
-                        self.question_count += 1;
-                        let hidden = occluder.hides(object, hierarchy, node.lead);
+                        let known = &mut self.chosen[object].known[node.lead.index()];
+                        if known.picture != self.picture {
+                            self.question_count += 1;
+                            (known.picture, known.answer) = (self.picture, occluder.hides(object, hierarchy, node.lead));
+                        }
+                        let hidden = known.answer;
                         if hidden == Hidden::Split && !node.is_followed {
                             self.offer_next(hierarchy, &node);
                             node.is_followed = true;
@@ -199,6 +216,7 @@ impl Refinement {
         cuts.for_each(|((cut, chosen), object)| chosen.follow(object.hierarchy, cut));
         if let Some((occluder, OccluderFrom::ThisFrame)) = occluder {
             occluder.draw(objects, &self.cuts);
+            self.next_picture();
         }
     }
 
@@ -287,7 +305,16 @@ impl Refinement {
             chosen.follow(object.hierarchy, cut);
         }
         occluder.draw(objects, cuts);
+        self.next_picture();
         self.queue.extend(self.hidden.drain(..));
+    }
+
+    fn next_picture(&mut self) {
+        self.picture = self.picture.wrapping_add(1).max(1);
+        if self.picture == 1 {
+            // Once around: nothing of what was answered then is taken for an answer now.
+            self.chosen.iter_mut().flat_map(|chosen| &mut chosen.known).for_each(|known| known.picture = 0);
+        }
     }
 
     /// Forgets all cuts: objects are others, or in another order.
@@ -310,6 +337,11 @@ impl Refinement {
     /// How often an occluder was asked.
     pub fn question_count(&self) -> u32 {
         self.question_count
+    }
+
+    /// Of the questions, how many told at last that something was hidden.
+    pub fn hidden_share(&self) -> f32 {
+        self.hidden.len() as f32 / self.question_count.max(1) as f32
     }
 
     /// The cut of each object.

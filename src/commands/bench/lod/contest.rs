@@ -7,7 +7,7 @@ use anyhow::Result;
 use image::RgbaImage;
 use mullion_client::frame::Planner;
 use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
-use mullion_client::lod::{BoundsKind, DepthOccluder, LodOptions, LodSight, Occluder, OccluderFrom, Refinement};
+use mullion_client::lod::{BoundsKind, DepthOccluder, LodOptions, LodSight, Occluder, OccluderCourse, OccluderFrom, Refinement};
 use mullion_common::scene::ObjectId;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
@@ -34,6 +34,7 @@ struct Way {
     bounds: Option<BoundsKind>,
     refinement: Refinement,
     occluder: Option<DepthOccluder>,
+    course: OccluderCourse,
     figures: WayFigures,
 }
 
@@ -43,12 +44,13 @@ impl Way {
             bounds,
             refinement: Refinement::new(),
             occluder: bounds.map(|kind| DepthOccluder::new([occluder_px; 2], kind)),
+            course: OccluderCourse::default(),
             figures: WayFigures { name, ..WayFigures::default() },
         }
     }
 
     /// How long it takes.
-    fn refine(&mut self, subject: &Subject, look: &Look, options: &LodOptions, from: OccluderFrom) -> Duration {
+    fn refine(&mut self, subject: &Subject, look: &Look, options: &LodOptions, frame: u64) -> Duration {
         let start = Instant::now();
         let sight = LodSight {
             eye: look.projection.eye,
@@ -56,11 +58,15 @@ impl Way {
             pixels_per_radian: look.pixels_per_radian,
             near_m: look.near_m as f32,
         };
-        let occluder = self.occluder.as_mut().map(|occluder| {
+        let from = self.course.at(frame);
+        let occluder = self.occluder.as_mut().zip(from).map(|(occluder, from)| {
             occluder.look(&look.projection);
             (occluder as &mut dyn Occluder, from)
         });
         self.refinement.refine(&subject.objects(), &sight, options, occluder);
+        if from == Some(OccluderFrom::ThisFrame) {
+            self.course.note(&self.refinement);
+        }
         start.elapsed()
     }
 
@@ -133,13 +139,11 @@ impl<'a> Contest<'a> {
         let fine = self.refine_finely(&first, &whole)?;
         for frame in 0..self.options.frames {
             let look = self.view.look(self.subject, frame, self.options.size);
-            let is_kept = frame % u64::from(self.options.keep) != 0;
-            let from = if is_kept { OccluderFrom::EarlierFrame } else { OccluderFrom::ThisFrame };
             for turn in 0..self.ways.len() {
                 // Whoever comes first has the colder caches: they take turns.
                 let at = (turn + frame as usize) % self.ways.len();
                 let way = &mut self.ways[at];
-                let refined = way.refine(self.subject, &look, &lod, from);
+                let refined = way.refine(self.subject, &look, &lod, frame);
                 let drawn = self.drawing.as_mut().map(|drawing| drawing.draw(&look, way, &self.ids)).transpose()?;
                 let seen = way.seen(self.subject, &look, size_px);
                 if frame == 0 {
@@ -176,7 +180,7 @@ impl<'a> Contest<'a> {
     fn refine_finely(&mut self, look: &Look, whole: &Seen) -> Result<FineFigures> {
         let lod = self.lod_options(u32::MAX, self.options.pixel_error);
         let mut way = Way::new(String::new(), self.ways.get(1).and_then(|way| way.bounds), self.options.occluder_px);
-        way.refine(self.subject, look, &lod, OccluderFrom::ThisFrame);
+        way.refine(self.subject, look, &lod, 0);
         let seen = way.seen(self.subject, look, whole.size_px());
         Ok(FineFigures {
             pixel_error: self.options.pixel_error,

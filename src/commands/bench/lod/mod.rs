@@ -47,9 +47,6 @@ pub struct Options {
     /// Splits after which the occluder is drawn, up to four, ascending.
     #[arg(long, value_name = "STEPS", value_delimiter = ',', default_value = "300,2500")]
     occluders: Vec<u32>,
-    /// Keep the occluder for so many frames, the one in which it is drawn among them.
-    #[arg(long, value_name = "FRAMES", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    keep: u32,
     /// Ask about every other level only, as the paper does.
     #[arg(long)]
     odd_levels: bool,
