@@ -250,3 +250,39 @@ fn ways_to_cull_what_is_hidden_are_held_against_frustum_culling() {
     let refused = mullion(&["bench", "occlusion", "--mode", "hizz"], LIMIT);
     assert!(refused.code != Some(0) && refused.err.contains("hiz"), "{}", refused.err);
 }
+
+#[test]
+fn level_of_detail_is_measured_without_occlusion_and_with() {
+    let out = done(&[
+        "bench",
+        "lod",
+        "--scene",
+        "organic",
+        "--triangles",
+        "2000",
+        "--size",
+        "128",
+        "--frames",
+        "2",
+        "--bounds",
+        "link,cylinder",
+        "--no-gpu",
+        "--json",
+        "-",
+    ]);
+    let report: Value = serde_json::from_str(&out).expect("JSON and nothing else");
+    let table = &report["tables"][0];
+    assert_eq!((table["triangles"].as_u64(), table["budget"].as_u64()), (Some(345_944), Some(2000)));
+    let ways = table["ways"].as_array().expect("ways");
+    assert_eq!(
+        ways.iter().map(|way| way["name"].as_str()).collect::<Vec<_>>(),
+        [Some("without"), Some("link"), Some("cylinder")]
+    );
+    let first = |way: usize, key: &str| ways[way][key][0].as_u64().unwrap_or_else(|| panic!("{key}: {table}"));
+    for way in 0..3 {
+        assert!((1980..=2000).contains(&first(way, "triangles")) && first(way, "visible") > 200, "{way}: {table}");
+        assert_eq!(first(way, "questions") > 0, way > 0);
+    }
+    assert!(first(1, "visible") > first(0, "visible") && first(2, "visible") > first(0, "visible"), "it hides itself");
+    assert!(table["fine"]["error"]["p99_px"].as_f64().is_some_and(|px| px < 1.5), "{}", table["fine"]);
+}

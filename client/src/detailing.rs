@@ -1,11 +1,12 @@
 //! Level of detail on a node: from the hierarchies that have come and a frame's order to the cuts that its views draw in place of leaves.
 //!
-//! All nodes refine for all of the wall, from the shared eye and into the primary frustum, and what they find is a function of these alone: so
-//! an object across a seam has the same vertices on both sides. Where blobs are still to come nodes may differ, until they have.
+//! All nodes refine for all of the wall, from the shared eye and into the primary frustum, and what they find is a function of these and of an
+//! occluder that all draw in the same frames: so an object across a seam has the same vertices on both sides. Nodes differ where blobs are
+//! still to come, or have no room, and until the next turn of the occluder where one missed the last.
 
 use glam::{DAffine3, DVec3};
 use mullion_common::geometry::Frustum;
-use mullion_common::scene::{ObjectId, SceneManifest, Transform, VertexHierarchy};
+use mullion_common::scene::{AlphaMode, Material, ObjectId, SceneManifest, Transform, VertexHierarchy};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::Projection;
 use mullion_common::wire::{Detail, Primary, ViewSpec};
@@ -30,19 +31,25 @@ pub(crate) struct Detailing {
     hierarchies: Vec<Option<VertexHierarchy>>,
     /// By object, ascending.
     parts: Vec<Part>,
-    /// Leaves of all parts.
-    covered: VisibleSet,
+    /// All leaves, by object; made when the first hierarchy comes.
+    by_object: Vec<(ObjectId, u32)>,
+    /// Leaves of all parts, if they are the same as when that was found.
+    covered: Option<VisibleSet>,
     refinement: Refinement,
     occluder: Option<DepthOccluder>,
     course: OccluderCourse,
-    /// Whether the cuts were found with an occluder of this view, or nothing could hide.
+    /// Whether the cuts were found with an occluder of their own view, or nothing could hide.
     is_final: bool,
     /// By place of the view: the objects that are drawn by their cuts.
     cuts: Vec<Vec<ObjectId>>,
+    /// All of them, ascending; and those whose cuts are on the GPU.
+    named: Vec<ObjectId>,
+    staged: Vec<ObjectId>,
     /// Hierarchies have come or gone, or objects have moved.
     has_changed: bool,
-    /// For what the cuts were found that are on the GPU.
+    /// For what the cuts were found.
     found: Option<(DVec3, Primary, Detail)>,
+    others: VisibleSet,
 }
 
 /// An object that a hierarchy stands for.
@@ -51,45 +58,65 @@ struct Part {
     hierarchy: usize,
     leaves: VisibleSet,
     is_double_sided: bool,
+    is_solid: bool,
 }
 
 impl Detailing {
-    /// Takes the next blob of a hierarchy; how many bytes it takes now, or `None` where the blob is none of its.
+    /// Takes the next blob of a hierarchy; how many bytes it takes now, or `None` where the blob is none of its, or it cannot be drawn: then it is
+    /// forgotten.
     pub fn take(&mut self, manifest: &SceneManifest, (number, objects): (u32, &[ObjectId]), blob: &[u8]) -> Option<u64> {
-        let number = number as usize;
-        self.hierarchies.resize_with(self.hierarchies.len().max(number + 1), || None);
+        let at = number as usize;
+        self.hierarchies.resize_with(self.hierarchies.len().max(at + 1), || None);
         self.has_changed = true;
-        let place = &mut self.hierarchies[number];
+        let place = &mut self.hierarchies[at];
         let taken = match place {
             Some(hierarchy) => hierarchy.decode_block(blob),
             None => VertexHierarchy::decode_base(blob, manifest.materials.len() as u32).map(|base| *place = Some(base)),
         };
         if let Err(error) = taken {
             tracing::warn!("vertex hierarchy {number}: {error}");
-            self.forget(number as u32);
+            self.forget(number);
             return None;
         }
         let hierarchy = place.as_ref()?;
+        let bytes =
+            hierarchy.memory_bytes() + u64::from(hierarchy.vertex_count()) * Refinement::BYTES_A_VERTEX * objects.len() as u64;
         if hierarchy.block_count() == 0 {
-            let is_double_sided = hierarchy.base().materials.iter().any(|m| manifest.materials[m.0 as usize].double_sided);
-            let bytes = hierarchy.memory_bytes();
-            self.add_parts(manifest, number, objects, is_double_sided);
-            return Some(bytes);
+            let materials: Vec<&Material> =
+                hierarchy.base().materials.iter().map(|m| &manifest.materials[m.0 as usize]).collect();
+            // Cuts are drawn before all else.
+            if materials.iter().any(|material| material.alpha == AlphaMode::Blend) {
+                tracing::warn!("vertex hierarchy {number}: of a material that blends");
+                self.forget(number);
+                return None;
+            }
+            let is_double_sided = materials.iter().any(|material| material.double_sided);
+            let is_solid = materials.iter().all(|material| material.alpha == AlphaMode::Opaque);
+            self.add_parts(manifest, at, objects, (is_double_sided, is_solid));
         }
-        Some(hierarchy.memory_bytes())
+        Some(bytes)
     }
 
-    fn add_parts(&mut self, manifest: &SceneManifest, hierarchy: usize, objects: &[ObjectId], is_double_sided: bool) {
-        let mut leaves: Vec<(ObjectId, u32)> = (0..).zip(&manifest.leaves).map(|(leaf, of)| (of.object, leaf)).collect();
-        leaves.sort_unstable();
-        for object in objects {
-            let start = leaves.partition_point(|(of, _)| of < object);
-            let own = leaves[start..].iter().take_while(|(of, _)| of == object);
-            let leaves = VisibleSet::from_ranges(own.map(|(_, leaf)| LeafRange::new(*leaf, leaf + 1)));
-            self.parts.push(Part { object: *object, hierarchy, leaves, is_double_sided });
+    fn add_parts(
+        &mut self,
+        manifest: &SceneManifest,
+        hierarchy: usize,
+        objects: &[ObjectId],
+        (is_double_sided, is_solid): (bool, bool),
+    ) {
+        if self.by_object.len() != manifest.leaves.len() {
+            self.by_object.clear();
+            self.by_object.extend((0..).zip(&manifest.leaves).map(|(leaf, of)| (of.object, leaf)));
+            self.by_object.sort_unstable();
         }
-        self.parts.sort_unstable_by_key(|part| part.object);
-        self.count_parts();
+        for object in objects {
+            let start = self.by_object.partition_point(|(of, _)| of < object);
+            let own = self.by_object[start..].iter().take_while(|(of, _)| of == object);
+            let leaves = VisibleSet::from_ranges(own.map(|(_, leaf)| LeafRange::new(*leaf, leaf + 1)));
+            let at = self.parts.partition_point(|part| part.object < *object);
+            self.parts.insert(at, Part { object: *object, hierarchy, leaves, is_double_sided, is_solid });
+        }
+        self.note_parts();
     }
 
     /// Forgets a hierarchy: its objects are drawn from their leaves.
@@ -98,11 +125,11 @@ impl Detailing {
             *place = None;
         }
         self.parts.retain(|part| part.hierarchy != number as usize);
-        self.count_parts();
+        self.note_parts();
     }
 
-    fn count_parts(&mut self) {
-        self.covered = VisibleSet::from_ranges(self.parts.iter().flat_map(|part| part.leaves.ranges().iter().copied()));
+    fn note_parts(&mut self) {
+        self.covered = None;
         self.refinement.forget();
         self.course = OccluderCourse::default();
         self.has_changed = true;
@@ -113,8 +140,16 @@ impl Detailing {
         self.has_changed = true;
     }
 
+    /// Whether the frame that was found last would be found the same again, as long as nothing comes and nothing moves.
+    pub fn is_final(&self) -> bool {
+        self.is_final || self.named.is_empty()
+    }
+
     /// Finds the cuts of a frame, hands them to the renderer, and takes from what the views draw what they stand for. Nothing, where the frame
     /// orders none.
+    ///
+    /// # Errors
+    /// When the GPU cannot take the cuts.
     pub fn find(
         &mut self,
         renderer: &mut Renderer,
@@ -124,42 +159,36 @@ impl Detailing {
     ) -> Result<(), GpuError> {
         self.cuts.resize_with(specs.len(), Vec::new);
         self.cuts.iter_mut().for_each(Vec::clear);
+        self.named.clear();
         let (Some(detail), Some(primary)) = (&frame.detail, &frame.primary) else { return Ok(()) };
         if self.parts.is_empty() {
             return Ok(());
         }
+        self.choose(renderer.transforms(), specs, frame, drawn);
         let is_known = self.found.as_ref().is_some_and(|(eye, of, by)| (eye, of, by) == (&frame.shared_eye, primary, detail));
         let from = self.course.at(frame.number);
-        if !is_known || self.has_changed || (!self.is_final && from == Some(OccluderFrom::ThisFrame)) {
-            self.refine(renderer.transforms(), frame.shared_eye, (primary, detail), from);
+        let is_found = is_known && !self.has_changed && (self.is_final || from != Some(OccluderFrom::ThisFrame));
+        if !is_found {
+            self.refine(renderer.transforms(), frame, (primary, detail), from);
+        }
+        if !is_found || self.named != self.staged {
             let objects = self.parts.iter().zip(self.refinement.cuts()).filter_map(|(part, cut)| {
+                self.named.binary_search(&part.object).ok()?;
                 let hierarchy = self.hierarchies[part.hierarchy].as_ref()?;
                 let leaf = part.leaves.ranges().first()?.start;
                 Some(CutObject { object: part.object, leaf, hierarchy, cut })
             });
             renderer.set_cuts(objects)?;
-            match &mut self.found {
-                Some((eye, of, by)) => {
-                    (*eye, *by) = (frame.shared_eye, *detail);
-                    of.clone_from(primary);
-                }
-                None => self.found = Some((frame.shared_eye, primary.clone(), *detail)),
-            }
-            self.has_changed = false;
+            self.staged.clone_from(&self.named);
         }
-        self.choose(renderer.transforms(), specs, frame, drawn);
-        let mut others = VisibleSet::default();
-        for set in drawn {
-            set.difference_into(&self.covered, &mut others);
-            std::mem::swap(set, &mut others);
-        }
+        self.take_covered(frame, drawn);
         Ok(())
     }
 
     fn refine(
         &mut self,
         transforms: &[Transform],
-        eye: DVec3,
+        frame: &FrameToDraw,
         (primary, detail): (&Primary, &Detail),
         from: Option<OccluderFrom>,
     ) {
@@ -169,11 +198,16 @@ impl Detailing {
                     hierarchy: self.hierarchies[part.hierarchy].as_ref()?,
                     world_from_local: transforms[part.object.0 as usize].affine(),
                     is_double_sided: part.is_double_sided,
+                    is_solid: part.is_solid,
                 })
             })
             .collect();
-        let sight =
-            LodSight { eye, planes: &primary.planes, pixels_per_radian: primary.pixels_per_radian, near_m: NEAR_M as f32 };
+        let sight = LodSight {
+            eye: frame.shared_eye,
+            planes: &primary.planes,
+            pixels_per_radian: primary.pixels_per_radian,
+            near_m: NEAR_M as f32,
+        };
         let options = LodOptions {
             budget: detail.triangles.unwrap_or(u32::MAX),
             least_pixels: detail.least_pixels,
@@ -181,7 +215,7 @@ impl Detailing {
             odd_levels: false,
         };
         // A wall that looks all around has no picture of its own: nothing is taken to be hidden.
-        let projection = if detail.hides { Projection::within(eye, &primary.planes, NEAR_M) } else { None };
+        let projection = if detail.hides { Projection::within(frame.shared_eye, &primary.planes, NEAR_M) } else { None };
         self.is_final = projection.is_none() || from == Some(OccluderFrom::ThisFrame);
         let occluder = projection.zip(from).map(|(projection, from)| {
             let occluder = self.occluder.get_or_insert_with(|| DepthOccluder::new(OCCLUDER_PX, BoundsKind::default()));
@@ -191,12 +225,20 @@ impl Detailing {
         let is_drawn = occluder.as_ref().is_some_and(|(_, from)| *from == OccluderFrom::ThisFrame);
         self.refinement.refine(&objects, &sight, &options, occluder);
         if is_drawn {
-            self.course.note(&self.refinement);
+            self.course.note(frame.number, &self.refinement);
+        }
+        self.has_changed = false;
+        match &mut self.found {
+            Some((eye, of, by)) => {
+                (*eye, *by) = (frame.shared_eye, *detail);
+                of.clone_from(primary);
+            }
+            None => self.found = Some((frame.shared_eye, primary.clone(), *detail)),
         }
     }
 
-    /// Which objects each view draws by their cuts: those that any view of the node sees, where they are in its frustum. A cut may reach into
-    /// a tile in which no leaf of the whole mesh is, but not out of the mesh's box.
+    /// Which objects each view draws by their cuts: those that any view of the node sees, where they are in its frustum and nothing of them is
+    /// missing. A cut may reach into a tile in which no leaf of the whole mesh is, but not out of the mesh's box.
     fn choose(&mut self, transforms: &[Transform], specs: &[ViewSpec], frame: &FrameToDraw, drawn: &[VisibleSet]) {
         for part in &self.parts {
             let Some(hierarchy) = self.hierarchies[part.hierarchy].as_ref() else { continue };
@@ -206,10 +248,33 @@ impl Detailing {
             let world_from_local = transforms[part.object.0 as usize].affine();
             let corners = hierarchy.local_aabb().corners().map(|corner| world_from_local.transform_point3(corner));
             for ((spec, view), cuts) in specs.iter().zip(&frame.views).zip(&mut self.cuts) {
-                if may_see(&frustum(spec, view.eye, &frame.world_from_room), &corners) {
+                let is_there = !view.missing.meets(&part.leaves);
+                if is_there && may_see(&frustum(spec, view.eye, &frame.world_from_room), &corners) {
                     cuts.push(part.object);
+                    if self.named.last() != Some(&part.object) {
+                        self.named.push(part.object);
+                    }
                 }
             }
+        }
+    }
+
+    /// Takes leaves that cuts stand for; those of objects of which something is missing stay, to be drawn as what is missing is.
+    fn take_covered(&mut self, frame: &FrameToDraw, drawn: &mut [VisibleSet]) {
+        let parts = &self.parts;
+        let covered = self
+            .covered
+            .get_or_insert_with(|| VisibleSet::from_ranges(parts.iter().flat_map(|part| part.leaves.ranges().iter().copied())));
+        for (set, view) in drawn.iter_mut().zip(&frame.views) {
+            set.difference_into(covered, &mut self.others);
+            if view.missing.meets(covered) {
+                let lacking = parts.iter().filter(|part| view.missing.meets(&part.leaves));
+                for leaf in lacking.flat_map(|part| part.leaves.leaves()).filter(|leaf| set.contains(*leaf)) {
+                    self.others.push_unordered(LeafRange::new(leaf, leaf + 1));
+                }
+                self.others.normalize();
+            }
+            std::mem::swap(set, &mut self.others);
         }
     }
 

@@ -287,7 +287,8 @@ impl Painter for GpuPainter {
             estimating.note(stats.draw_us, triangles.iter().copied());
             stats.is_cut = estimating.is_cut;
         }
-        let is_complete = estimating.is_some() && frame.estimate.as_ref().is_some_and(|estimate| estimate.is_complete);
+        let is_complete =
+            estimating.is_some() && detailing.is_final() && frame.estimate.as_ref().is_some_and(|estimate| estimate.is_complete);
         *complete = is_complete.then(|| (frame.clone(), stats));
         Ok(stats)
     }

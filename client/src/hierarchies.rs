@@ -1,8 +1,9 @@
 //! Which blobs of a scene's vertex hierarchies have come, what is asked for next, and for which objects they stand. Pure.
 //!
-//! The bases of all come before any block, then block k of all before block k + 1 of any. Blobs of a hierarchy are handed on in their order: one
+//! The bases of all come before any block, then block k of all before block k + 1 of any, the longest hierarchy first. Blobs of a hierarchy are handed on in their order: one
 //! that comes before its turn waits. A hierarchy of which a blob is no part of one is given up, and stands for nothing any more.
 
+use std::cmp::Reverse;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -30,7 +31,7 @@ struct Known {
     taken: u32,
     is_given_up: bool,
     is_listed: bool,
-    /// What it takes on the GPU.
+    /// What it takes of memory.
     bytes: u64,
 }
 
@@ -44,10 +45,10 @@ pub struct Hierarchies {
     asked: Vec<(ChunkHash, Place)>,
     /// What came before its turn.
     early: Vec<(Place, Vec<u8>)>,
-    /// The next to ask for, or one before that.
+    /// The next to ask for, or one before that; its hierarchy by its place among those by length.
     next: Place,
-    /// Most blobs of one.
-    longest: u32,
+    /// Hierarchies by how many blobs they have, most first.
+    by_length: Vec<u32>,
     /// How many are not given up and have no base.
     without_base: usize,
     bytes: u64,
@@ -62,10 +63,11 @@ impl Hierarchies {
         for (hierarchy, indexed) in (0..).zip(&index.hierarchies) {
             indexed.objects.iter().for_each(|object| of_object[object.0 as usize] = hierarchy);
         }
-        let longest = index.hierarchies.iter().map(|indexed| indexed.blobs.len() as u32).max().unwrap_or(0);
+        let mut by_length: Vec<u32> = (0..index.hierarchies.len() as u32).collect();
+        by_length.sort_by_key(|hierarchy| Reverse(index.hierarchies[*hierarchy as usize].blobs.len()));
         let known = |indexed| Known { indexed, taken: 0, is_given_up: false, is_listed: false, bytes: 0 };
         let all: Vec<Known> = index.hierarchies.into_iter().map(known).collect();
-        Self { without_base: all.len(), all, of_object, longest, ..Self::default() }
+        Self { without_base: all.len(), all, of_object, by_length, ..Self::default() }
     }
 
     /// How many there are.
@@ -129,13 +131,19 @@ impl Hierarchies {
     /// The next blob to ask for before a frame lacks it; `None` where none is left, and where
     /// [`MAX_WANTED`] have not come.
     pub fn next_to_ask(&mut self) -> Option<(Place, BlobRef)> {
-        while self.next.blob < self.longest && self.asked.len() < MAX_WANTED {
-            if let Some(found) = self.to_ask(self.next) {
-                return Some(found);
-            }
-            self.next.hierarchy += 1;
-            if self.next.hierarchy as usize == self.all.len() {
-                self.next = Place { blob: self.next.blob + 1, hierarchy: 0 };
+        while self.asked.len() < MAX_WANTED {
+            // Those that are long enough come first.
+            let hierarchy = self.by_length.get(self.next.hierarchy as usize).copied();
+            let is_long = |known: &Known| known.indexed.blobs.len() > self.next.blob as usize;
+            match hierarchy.filter(|hierarchy| is_long(&self.all[*hierarchy as usize])) {
+                Some(hierarchy) => {
+                    if let Some(found) = self.to_ask(Place { hierarchy, ..self.next }) {
+                        return Some(found);
+                    }
+                    self.next.hierarchy += 1;
+                }
+                None if self.next.hierarchy == 0 => return None,
+                None => self.next = Place { blob: self.next.blob + 1, hierarchy: 0 },
             }
         }
         None
@@ -153,6 +161,11 @@ impl Hierarchies {
     pub fn note_asked(&mut self, place: Place) {
         let blob = &self.all[place.hierarchy as usize].indexed.blobs[place.blob as usize];
         self.asked.push((blob.hash, place));
+    }
+
+    /// Whether a blob is the one that those behind it wait for.
+    pub fn is_next(&self, place: Place) -> bool {
+        self.all.get(place.hierarchy as usize).is_some_and(|known| known.taken == place.blob)
     }
 
     /// How many blobs wait for their turn.
@@ -180,7 +193,7 @@ impl Hierarchies {
         handed_on
     }
 
-    /// A hierarchy takes so many bytes on the GPU, as far as it has come.
+    /// A hierarchy takes so many bytes of memory, as far as it has come.
     pub fn resize(&mut self, hierarchy: u32, bytes: u64) {
         if let Some(known) = self.all.get_mut(hierarchy as usize).filter(|known| !known.is_given_up) {
             self.bytes = self.bytes - known.bytes + bytes;
@@ -188,7 +201,7 @@ impl Hierarchies {
         }
     }
 
-    /// What all of them take on the GPU.
+    /// What all of them take of memory.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -266,13 +279,13 @@ mod tests {
         let (base, _) = hierarchies.base_to_ask(2).expect("nobody has asked for it");
         hierarchies.note_asked(base);
         assert_eq!(hierarchies.base_to_ask(2), None);
-        assert_eq!(ask_all(&mut hierarchies), [(0, 0), (0, 1), (1, 0), (1, 2), (2, 0), (2, 2), (3, 2)]);
+        assert_eq!(ask_all(&mut hierarchies), [(0, 0), (0, 1), (1, 2), (1, 0), (2, 2), (2, 0), (3, 2)]);
         assert_eq!(hierarchies.next_to_ask(), None);
         // A lost connection loses what had not come.
         assert_eq!(take(&mut hierarchies, 0, 0), [(0, 0)]);
         assert_eq!(take(&mut hierarchies, 3, 1), []);
         hierarchies.forget_asked();
-        assert_eq!(ask_all(&mut hierarchies), [(0, 1), (0, 2), (1, 0), (2, 0), (2, 2), (3, 2)]);
+        assert_eq!(ask_all(&mut hierarchies), [(0, 2), (0, 1), (1, 0), (2, 2), (2, 0), (3, 2)]);
         assert_eq!(take(&mut hierarchies, 3, 0), [(0, 2), (1, 2)], "the early one had come");
     }
 

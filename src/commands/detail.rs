@@ -44,9 +44,8 @@ impl DetailOptions {
     /// When it has no hierarchies.
     pub fn check_scene(&self, package: &Package, scene: impl Display) -> Result<()> {
         let option = if self.pixel_error.is_some() { "--pixel-error" } else { "--lod-triangles" };
-        let has_hierarchies = package.scene.vertex_hierarchies.as_ref().is_some_and(|table| !table.entries().is_empty());
         ensure!(
-            self.detail().is_none() || has_hierarchies,
+            self.detail().is_none() || package.scene.hierarchies().is_some(),
             "{option}: {scene} has no vertex hierarchies: prepare it with `mullion prepare --lod`"
         );
         Ok(())

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use glam::{DAffine3, DVec3};
 use mullion_client::gpu::CutObject;
 use mullion_client::lod::{Cut, LodObject};
 use mullion_common::geometry::Aabb;
-use mullion_common::scene::{ObjectId, Package, Transform, VertexHierarchy, VertexId};
+use mullion_common::scene::{AlphaMode, ObjectId, Package, Transform, VertexHierarchy, VertexId};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::Look;
@@ -30,6 +30,7 @@ struct Part {
     object: ObjectId,
     leaf: u32,
     is_double_sided: bool,
+    is_solid: bool,
 }
 
 impl Subject {
@@ -38,11 +39,11 @@ impl Subject {
     /// # Errors
     /// When the package has none, or they cannot be read.
     pub fn new(mut package: Package, copies: u32, step: DVec3) -> Result<Self> {
-        let table = package.scene.vertex_hierarchies.clone().context("the scene has no vertex hierarchies")?;
+        let table =
+            package.scene.hierarchies().cloned().context("no object of the scene has triangles enough to be simplified")?;
         let hierarchies: Result<Vec<VertexHierarchy>, _> =
             (0..table.entries().len()).map(|number| table.decode(number, &package.scene.manifest)).collect();
         let hierarchies = hierarchies.context("a vertex hierarchy")?;
-        ensure!(!hierarchies.is_empty(), "no object of the scene has triangles enough to be simplified");
         let manifest = &mut package.scene.manifest;
         let (objects, leaves) = (manifest.transforms.clone(), manifest.leaves.clone());
         for copy in 1..copies {
@@ -66,10 +67,12 @@ impl Subject {
         let own = objects.len() as u32;
         for (number, entry) in table.entries().iter().enumerate() {
             let materials = &hierarchies[number].base().materials;
-            let is_double_sided = materials.iter().any(|m| manifest.materials[m.0 as usize].double_sided);
+            let materials = || materials.iter().map(|m| &manifest.materials[m.0 as usize]);
+            let is_double_sided = materials().any(|material| material.double_sided);
+            let is_solid = materials().all(|material| material.alpha == AlphaMode::Opaque);
             for object in (0..copies).flat_map(|copy| entry.objects.iter().map(move |o| o.0 + copy * own)) {
                 let Some(leaf) = first_leaf[object as usize] else { continue };
-                parts.push(Part { hierarchy: number, object: ObjectId(object), leaf, is_double_sided });
+                parts.push(Part { hierarchy: number, object: ObjectId(object), leaf, is_double_sided, is_solid });
             }
         }
         parts.sort_unstable_by_key(|part| part.object);
@@ -91,6 +94,7 @@ impl Subject {
             hierarchy: &self.hierarchies[part.hierarchy],
             world_from_local: transforms[part.object.0 as usize].affine(),
             is_double_sided: part.is_double_sided,
+            is_solid: part.is_solid,
         };
         self.parts.iter().map(object).collect()
     }

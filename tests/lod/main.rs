@@ -17,11 +17,17 @@ use mullion_server::generate::Random;
 use meshes::Mesh;
 use surface::Surface;
 
+/// A lead that must be split before this one and is not: of any, the first in its link.
+fn missing(cut: &Cut, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<VertexId> {
+    let links = hierarchy.together(lead).flat_map(|vertex| hierarchy.link(vertex).path());
+    links.map(|v| VertexId(*v)).find(|v| !cut.has(*v)).map(|v| hierarchy.lead(v))
+}
+
 /// Splits a lead, and before it all that it needs.
 fn split_with_needs(cut: &mut Cut, hierarchy: &VertexHierarchy, lead: VertexId) {
     let mut open = vec![lead];
     while let Some(lead) = open.last().copied() {
-        match cut.missing(hierarchy, lead) {
+        match missing(cut, hierarchy, lead) {
             Some(needed) => open.push(needed),
             None => {
                 open.pop();
@@ -100,7 +106,7 @@ fn looking(eye: DVec3) -> LodSight<'static> {
 }
 
 fn seen_from_all_sides(hierarchy: &VertexHierarchy) -> LodObject<'_> {
-    LodObject { hierarchy, world_from_local: DAffine3::IDENTITY, is_double_sided: true }
+    LodObject { hierarchy, world_from_local: DAffine3::IDENTITY, is_double_sided: true, is_solid: true }
 }
 
 /// Answers by a rule, and counts how often it was drawn.
@@ -138,7 +144,12 @@ fn random_answers_give_surfaces_within_the_budget() {
             let normal = DVec3::from([(); 3].map(|()| f64::from(random.range(-1.0, 1.0)))).normalize_or(DVec3::X);
             let planes = [Plane { normal, offset_m: f64::from(random.range(0.0, 2.0)) }];
             let sight = LodSight { planes: &planes, ..looking(eye) };
-            let objects = [LodObject { hierarchy, world_from_local: DAffine3::IDENTITY, is_double_sided: random.chance(0.3) }];
+            let objects = [LodObject {
+                hierarchy,
+                world_from_local: DAffine3::IDENTITY,
+                is_double_sided: random.chance(0.3),
+                is_solid: true,
+            }];
             let budget = hierarchy.base().triangles.len() as u32 + random.below(hierarchy.triangle_count() as usize) as u32;
             let least_pixels = random.range(0.0, 4.0);
             let options = LodOptions { budget, least_pixels, occluders: SOON, odd_levels: random.chance(0.5) };

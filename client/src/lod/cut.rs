@@ -99,13 +99,6 @@ impl Cut {
         self.triangle_count
     }
 
-    /// A lead that must be split before this one and is not: of any, the first in its link.
-    #[inline]
-    pub fn missing(&self, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<VertexId> {
-        let links = hierarchy.together(lead).flat_map(|vertex| hierarchy.link(vertex).path());
-        links.map(|v| VertexId(*v)).find(|v| !self.has(*v)).map(|v| hierarchy.lead(v))
-    }
-
     fn change_needed(&mut self, hierarchy: &VertexHierarchy, lead: VertexId, by: u32) {
         for vertex in hierarchy.together(lead) {
             for needed in hierarchy.link(vertex).path() {

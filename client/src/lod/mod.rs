@@ -10,7 +10,7 @@
 
 mod course;
 mod cut;
-mod heap;
+mod node;
 mod occluder;
 mod refinement;
 mod sight;
@@ -33,4 +33,6 @@ pub struct LodObject<'a> {
     pub world_from_local: DAffine3,
     /// Whether triangles are seen from behind, too: then none faces away.
     pub is_double_sided: bool,
+    /// Whether what is behind it is hidden: it has no holes that its triangles do not tell of.
+    pub is_solid: bool,
 }

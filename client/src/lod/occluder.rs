@@ -102,12 +102,12 @@ impl DepthOccluder {
         }
     }
 
-    /// Where bounds lie in the picture; `None` if they reach behind the eye.
+    /// Where what is asked about a node lies in the picture; `None` if it reaches behind the eye.
     fn spread(&self, clip_from_local: &Mat4, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<Spread> {
-        if self.kind == BoundsKind::Link {
-            return self.link_spread(clip_from_local, hierarchy, lead);
+        match self.kind {
+            BoundsKind::Link => self.link_spread(clip_from_local, hierarchy, lead),
+            kind => bounds_spread(kind, clip_from_local, &hierarchy.bounds(lead)),
         }
-        self.bounds_spread(clip_from_local, &hierarchy.bounds(lead))
     }
 
     fn link_spread(&self, clip_from_local: &Mat4, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<Spread> {
@@ -119,47 +119,50 @@ impl DepthOccluder {
         // As near as the nearest of them, and nearer by the error.
         let nearest = spread.high.z.recip() - rows[2];
         (nearest > 0.0).then(|| {
-            let wider = Vec2::new(rows[0], rows[1]) / nearest;
+            // What is nearer is further from the middle, too.
+            let furthest = spread.low.xy().abs().max(spread.high.xy().abs());
+            let wider = (Vec2::new(rows[0], rows[1]) + furthest * rows[2]) / nearest;
             Spread { low: (spread.low.xy() - wider).extend(0.0), high: (spread.high.xy() + wider).extend(nearest.recip()) }
         })
     }
+}
 
-    fn bounds_spread(&self, clip_from_local: &Mat4, bounds: &NodeBounds) -> Option<Spread> {
-        let middle = *clip_from_local * bounds.center.extend(1.0);
-        let way = |direction: Vec3| *clip_from_local * direction.extend(0.0);
-        let extent = &bounds.extent;
-        match self.kind {
-            BoundsKind::Sphere => {
-                let rows = [0, 1, 3].map(|row| clip_from_local.row(row).xyz().length() * extent.radius);
-                let nearest = middle.w - rows[2];
-                // The furthest way from the middle is at the nearest distance or the furthest.
-                let side = |at: f32, reach: f32| {
-                    let (low, high) = (at - reach, at + reach);
-                    let over = |x: f32, is_low: bool| x / if (x < 0.0) == is_low { nearest } else { middle.w + rows[2] };
-                    (over(low, true), over(high, false))
-                };
-                let (x, y) = (side(middle.x, rows[0]), side(middle.y, rows[1]));
-                (nearest > 0.0).then(|| Spread { low: Vec3::new(x.0, y.0, 0.0), high: Vec3::new(x.1, y.1, nearest.recip()) })
-            }
-            BoundsKind::Box => {
-                let half = extent.half_box;
-                let [x, y, z] = [way(Vec3::X * half.x), way(Vec3::Y * half.y), way(Vec3::Z * half.z)];
-                let ends = [middle - z, middle + z].into_iter();
-                Spread::of(ends.flat_map(|end| [end - x - y, end - x + y, end + x - y, end + x + y]))
-            }
-            BoundsKind::Cylinder | BoundsKind::Link => {
-                let axis = extent.axis.direction();
-                let (side, other) = axis.any_orthonormal_pair();
-                // An octagon around the circle.
-                const LONG: f32 = 1.0;
-                const SHORT: f32 = 0.414_213_57; // the tangent of an eighth of a turn halved
-                let radius = extent.cylinder_radius;
-                let [u, v] = [way(side * radius), way(other * radius)];
-                let axis = way(axis);
-                let ends = [middle - axis * extent.cylinder_below, middle + axis * extent.cylinder_above].into_iter();
-                let [a, b, c, d] = [u * LONG + v * SHORT, u * LONG - v * SHORT, u * SHORT + v * LONG, u * SHORT - v * LONG];
-                Spread::of(ends.flat_map(|end| [end + a, end - a, end + b, end - b, end + c, end - c, end + d, end - d]))
-            }
+/// Where a node's bounds lie in the picture; `None` if they reach behind the eye.
+fn bounds_spread(kind: BoundsKind, clip_from_local: &Mat4, bounds: &NodeBounds) -> Option<Spread> {
+    let middle = *clip_from_local * bounds.center.extend(1.0);
+    let way = |direction: Vec3| *clip_from_local * direction.extend(0.0);
+    let extent = &bounds.extent;
+    match kind {
+        BoundsKind::Sphere => {
+            let rows = [0, 1, 3].map(|row| clip_from_local.row(row).xyz().length() * extent.radius);
+            let nearest = middle.w - rows[2];
+            // The furthest way from the middle is at the nearest distance or the furthest.
+            let side = |at: f32, reach: f32| {
+                let (low, high) = (at - reach, at + reach);
+                let over = |x: f32, is_low: bool| x / if (x < 0.0) == is_low { nearest } else { middle.w + rows[2] };
+                (over(low, true), over(high, false))
+            };
+            let (x, y) = (side(middle.x, rows[0]), side(middle.y, rows[1]));
+            (nearest > 0.0).then(|| Spread { low: Vec3::new(x.0, y.0, 0.0), high: Vec3::new(x.1, y.1, nearest.recip()) })
+        }
+        BoundsKind::Box => {
+            let half = extent.half_box;
+            let [x, y, z] = [way(Vec3::X * half.x), way(Vec3::Y * half.y), way(Vec3::Z * half.z)];
+            let ends = [middle - z, middle + z].into_iter();
+            Spread::of(ends.flat_map(|end| [end - x - y, end - x + y, end + x - y, end + x + y]))
+        }
+        _ => {
+            let axis = extent.axis.direction();
+            let (side, other) = axis.any_orthonormal_pair();
+            // An octagon around the circle.
+            const LONG: f32 = 1.0;
+            const SHORT: f32 = 0.414_213_57; // the tangent of an eighth of a turn halved
+            let radius = extent.cylinder_radius;
+            let [u, v] = [way(side * radius), way(other * radius)];
+            let axis = way(axis);
+            let ends = [middle - axis * extent.cylinder_below, middle + axis * extent.cylinder_above].into_iter();
+            let [a, b, c, d] = [u * LONG + v * SHORT, u * LONG - v * SHORT, u * SHORT + v * LONG, u * SHORT - v * LONG];
+            Spread::of(ends.flat_map(|end| [end + a, end - a, end + b, end - b, end + c, end - c, end + d, end - d]))
         }
     }
 }
@@ -191,7 +194,9 @@ impl Occluder for DepthOccluder {
                 (false, false) => Facing::Counterclockwise,
                 (false, true) => Facing::Clockwise,
             };
-            self.draw_cut(object.hierarchy, cut, &clip_from_local, facing);
+            if object.is_solid {
+                self.draw_cut(object.hierarchy, cut, &clip_from_local, facing);
+            }
             self.clip_from_local.push(clip_from_local);
         }
         self.build_levels();
@@ -222,7 +227,7 @@ impl DepthOccluder {
         is_inside && near[(y * *height as f32) as usize * width + (x * *width as f32) as usize] <= nearness
     }
 
-    /// Whether everything there is behind what was drawn, or outside.
+    /// Whether everything there is behind what was drawn.
     fn is_behind(&self, Spread { low, high }: &Spread) -> bool {
         let (width, height) = (self.levels[0].width as f32, self.levels[0].height as f32);
         // A pixel more than is covered: only middles were looked at.
@@ -231,12 +236,11 @@ impl DepthOccluder {
         let row = |y: f32| (0.5 - y * 0.5) * height;
         let (left, right) = (column(low.x) - MARGIN, column(high.x) + MARGIN);
         let (top, bottom) = (row(high.y) - MARGIN, row(low.y) + MARGIN);
-        if right < 0.0 || left >= width || bottom < 0.0 || top >= height {
-            return true;
+        // What is beyond the picture may be seen by a frame that keeps it.
+        if left < 0.0 || right >= width || top < 0.0 || bottom >= height {
+            return false;
         }
-        // As integers below 0 are 0, and what is beyond the picture is cut off.
-        let [x, y] = [(left, right, width), (top, bottom, height)]
-            .map(|(low, high, size)| (low.max(0.0) as usize, high.min(size - 1.0) as usize));
+        let [x, y] = [(left, right), (top, bottom)].map(|(low, high)| (low as usize, high as usize));
         const CELLS: usize = 4;
         let longest = (x.1 - x.0).max(y.1 - y.0);
         let level = (longest / CELLS).checked_ilog2().map_or(0, |log| log as usize + 1);
@@ -297,7 +301,9 @@ fn fill((width, height): (usize, usize), near: &mut [f32], [a, b, c]: [Vec3; 3],
 mod tests {
     use super::*;
     use glam::{DAffine3, DVec3};
-    use mullion_common::scene::{NodeAxis, NodeExtent};
+    use mullion_common::scene::{
+        BaseMesh, BlockParts, LinkShape, MaterialId, NodeAxis, NodeExtent, PackedBounds, Split, VertexData,
+    };
     use proptest::prelude::*;
 
     const SIZE: [u32; 2] = [64, 48];
@@ -342,7 +348,7 @@ mod tests {
     }
 
     fn hides(occluder: &DepthOccluder, bounds: &NodeBounds) -> bool {
-        occluder.bounds_spread(&occluder.clip_from_local[0], bounds).is_some_and(|spread| occluder.is_behind(&spread))
+        bounds_spread(occluder.kind, &occluder.clip_from_local[0], bounds).is_some_and(|spread| occluder.is_behind(&spread))
     }
 
     #[test]
@@ -357,7 +363,77 @@ mod tests {
             assert!(!hides(&occluder, &ball(Vec3::new(0.0, 0.0, -9.0), 0.5)), "{kind:?}: half beside it");
             assert!(!hides(&occluder, &ball(Vec3::new(3.0, 0.0, -9.0), 0.5)), "{kind:?}: beside it");
             assert!(!hides(&occluder, &ball(Vec3::new(0.0, 0.0, 0.0), 0.5)), "{kind:?}: around the eye");
-            assert!(hides(&occluder, &ball(Vec3::new(-900.0, 0.0, -9.0), 0.5)), "{kind:?}: outside");
+            assert!(!hides(&occluder, &ball(Vec3::new(-900.0, 0.0, -9.0), 0.5)), "{kind:?}: outside");
+        }
+    }
+
+    /// Before and behind a wall: a small sphere, asked about link by link.
+    #[test]
+    fn splits_behind_are_hidden() {
+        let hierarchy = small_sphere();
+        let lead = VertexId(hierarchy.base_count());
+        for (z, hidden) in [(-9.0, Hidden::Split), (-3.0, Hidden::Nothing), (-5.0, Hidden::Nothing)] {
+            let mut occluder = looking_ahead(BoundsKind::Link);
+            let projection = occluder.projection.expect("it looks");
+            draw_square(&mut occluder, 5.0, [-1.0, 1.0]);
+            occluder.clip_from_local[0] = projection.clip_from_local(&DAffine3::from_translation(DVec3::new(0.3, 0.1, z)));
+            assert_eq!(occluder.hides(0, &hierarchy, lead), hidden, "at {z}");
+        }
+    }
+
+    /// A tetrahedron whose only split puts a vertex outside its first face.
+    fn small_sphere() -> VertexHierarchy {
+        let corners = [[0.0, 0.3, 0.0], [0.3, -0.2, 0.0], [-0.3, -0.2, 0.0], [0.0, 0.0, -0.4], [0.0, 0.0, 0.3]];
+        let triangles = [[2, 1, 0], [3, 0, 1], [3, 1, 2], [3, 2, 0]];
+        let vertices = |positions: &[[f32; 3]]| VertexData { positions: positions.to_vec(), ..VertexData::default() };
+        let mut hierarchy = VertexHierarchy::new(BaseMesh {
+            vertices: vertices(&corners[..4]),
+            triangles: triangles.to_vec(),
+            materials: vec![MaterialId(0)],
+            vertex_total: 5,
+            triangle_total: 6,
+            block_count: 1,
+            local_min: [-0.3, -0.2, -0.4],
+            local_max: [0.3, 0.3, 0.3],
+            ..BaseMesh::default()
+        })
+        .expect("a base");
+        let extent = NodeExtent { error: 0.3, radius: 0.6, ..NodeExtent::default() };
+        hierarchy
+            .append(BlockParts {
+                first: 4,
+                vertices: vertices(&corners[4..]),
+                splits: vec![Split::new(PackedBounds::new(&extent), 3, LinkShape::Ring, false)],
+                links: vec![0, 2, 1],
+            })
+            .expect("a block");
+        hierarchy
+    }
+
+    proptest! {
+        /// Against every pixel asked for itself.
+        #[test]
+        fn triangles_are_filled(
+            corners in [[-20.0..90.0f32, -20.0..70.0f32, 0.1..1.0f32], [-20.0..90.0f32, -20.0..70.0f32, 0.1..1.0f32], [-20.0..90.0f32, -20.0..70.0f32, 0.1..1.0f32]],
+            facing in prop_oneof![Just(Facing::Counterclockwise), Just(Facing::Clockwise), Just(Facing::Either)],
+        ) {
+            let [a, b, c] = corners.map(Vec3::from);
+            let area = |a: Vec3, b: Vec3, x: f32, y: f32| (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
+            let all = area(a, b, c.x, c.y);
+            prop_assume!(all.abs() > 1.0);
+            let is_drawn = facing == Facing::Either || (all < 0.0) == (facing == Facing::Counterclockwise);
+            let mut near = vec![0.0; 64 * 48];
+            fill((64, 48), &mut near, [a, b, c], facing);
+            for (at, found) in near.iter().enumerate() {
+                let (x, y) = ((at % 64) as f32 + 0.5, (at / 64) as f32 + 0.5);
+                let weights = [area(b, c, x, y) / all, area(c, a, x, y) / all, area(a, b, x, y) / all];
+                let least = weights.iter().copied().fold(f32::INFINITY, f32::min);
+                if least.abs() < 1e-3 {
+                    continue; // on an edge
+                }
+                let expected = weights[0] * a.z + weights[1] * b.z + weights[2] * c.z;
+                prop_assert!(if is_drawn && least > 0.0 { (found - expected).abs() < 1e-3 } else { *found == 0.0 }, "{found} at {x}, {y}");
+            }
         }
     }
 
@@ -398,7 +474,7 @@ mod tests {
                 let occluder = looking_ahead(kind);
                 let clip = occluder.clip_from_local[0] * (bounds.center + inner).extend(1.0);
                 let at = Vec3::new(clip.x / clip.w, clip.y / clip.w, clip.w.recip());
-                if let Some(Spread { low, high }) = occluder.bounds_spread(&occluder.clip_from_local[0], &bounds) {
+                if let Some(Spread { low, high }) = bounds_spread(occluder.kind, &occluder.clip_from_local[0], &bounds) {
                     prop_assert!((at + 1e-4).cmpge(low).all() && at.cmple(high + 1e-4).all(), "{kind:?}: {at} in {low} to {high}");
                 }
             }

@@ -5,7 +5,7 @@ use std::collections::BinaryHeap;
 use mullion_common::scene::{VertexHierarchy, VertexId};
 
 use super::cut::Cut;
-use super::heap::Node;
+use super::node::Node;
 use super::sight::LocalSight;
 use super::{LodObject, LodSight, NodeSight};
 
@@ -40,7 +40,7 @@ impl Default for LodOptions {
 
 /// What hides nodes: coarse versions of the objects themselves.
 pub trait Occluder {
-    /// Takes what the objects look like so far, in place of what it had. `sights` is of each.
+    /// Takes what the objects look like so far, in place of what it had.
     fn draw(&mut self, objects: &[LodObject<'_>], cuts: &[Cut]);
 
     /// Whether a node of an object is behind what was drawn. The same until that is drawn anew: nobody asks twice.
@@ -70,12 +70,12 @@ pub enum Hidden {
 
 /// Nodes in a row that may be too large for what is left of a budget before the rest is not looked at.
 const MOST_MISFITS: u32 = 64;
-/// A split adds so many triangles at most: with less left, none may fit.
+/// A split adds so many triangles at most. With less left the rest is not looked at.
 const FEWEST_LEFT: u32 = 2;
 
 /// The refinement of several objects under one budget.
 ///
-/// What it finds is a function of what it is given, an occluder that was kept included, whatever it found before: whoever is given the same finds the same. Only the way there
+/// What it finds is a function of what it is given, a kept occluder among it, whatever it found before: whoever is given the same finds the same. Only the way there
 /// is short where little has changed: the cuts of the last frame are kept, and what differs is split or taken back. Takes memory only while
 /// its cuts grow.
 #[derive(Debug, Default)]
@@ -102,6 +102,7 @@ pub struct Refinement {
 struct Chosen {
     /// By lead.
     known: Vec<Known>,
+    search: u32,
     frame: u32,
     leads: Vec<VertexId>,
 }
@@ -114,6 +115,8 @@ struct Known {
     /// What an occluder answered, and which: 0 is none.
     picture: u32,
     answer: Hidden,
+    /// For which search it was found to be needed.
+    search: u32,
 }
 
 impl Chosen {
@@ -137,12 +140,30 @@ impl Chosen {
         self.leads.push(lead);
     }
 
+    fn next_search(&mut self) {
+        self.search = self.search.wrapping_add(1);
+        if self.search == 0 {
+            self.known.iter_mut().for_each(|known| known.search = 0);
+            self.search = 1;
+        }
+    }
+
+    /// Whether a lead is not chosen and was not asked about in this search.
+    #[inline]
+    fn is_first_asked(&mut self, lead: VertexId) -> bool {
+        let known = &mut self.known[lead.index()];
+        known.frame != self.frame && std::mem::replace(&mut known.search, self.search) != self.search
+    }
+
     fn follow(&self, hierarchy: &VertexHierarchy, cut: &mut Cut) {
         cut.follow(hierarchy, &self.leads, |lead| self.has(lead));
     }
 }
 
 impl Refinement {
+    /// What each object takes of memory for each vertex of its hierarchy, bytes, once occluders are drawn.
+    pub const BYTES_A_VERTEX: u64 = (size_of::<Known>() + (1 + MAX_OCCLUDERS) * size_of::<u32>()) as u64;
+
     /// A refinement that has found nothing.
     pub fn new() -> Self {
         Self::default()
@@ -196,7 +217,7 @@ impl Refinement {
                     }
                     node.is_seen = options.odd_levels && !node.is_seen;
                 }
-                let added = self.find_needed(hierarchy, object, node.lead);
+                let added = self.find_needed(hierarchy, object, node.lead, options.budget);
                 if self.triangle_count.saturating_add(added) > options.budget {
                     misfits += 1;
                     if misfits > MOST_MISFITS || self.triangle_count.saturating_add(FEWEST_LEFT) > options.budget {
@@ -227,7 +248,9 @@ impl Refinement {
         self.sights.clear();
         self.sights.extend(objects.iter().map(|object| LocalSight::new(sight, object)));
         self.chosen.resize_with(objects.len(), Chosen::default);
-        for cuts in std::iter::once(&mut self.cuts).chain(&mut self.occluders) {
+        // Those of occluders only once there are some: they take memory for each vertex.
+        let occluders = self.occluders.iter_mut().filter(|cuts| !cuts.is_empty());
+        for cuts in std::iter::once(&mut self.cuts).chain(occluders) {
             let known = cuts.len();
             cuts.resize_with(objects.len(), Cut::default);
             for (number, (cut, object)) in cuts.iter_mut().zip(objects).enumerate() {
@@ -237,7 +260,7 @@ impl Refinement {
         for (number, object) in objects.iter().enumerate() {
             let hierarchy = object.hierarchy;
             self.chosen[number].begin(hierarchy.vertex_count() as usize);
-            self.triangle_count += hierarchy.base().triangles.len() as u32;
+            self.triangle_count = self.triangle_count.saturating_add(hierarchy.base().triangles.len() as u32);
             let children = (0..hierarchy.base_count()).map(VertexId).filter_map(|v| Some((v, hierarchy.first_child(v)?)));
             for (parent, lead) in children {
                 let object = number as u32;
@@ -275,22 +298,25 @@ impl Refinement {
         }
     }
 
-    /// Finds all splits that a lead's needs and that are not chosen, itself first. How many triangles they add.
-    fn find_needed(&mut self, hierarchy: &VertexHierarchy, object: usize, lead: VertexId) -> u32 {
-        let chosen = &self.chosen[object];
+    /// Finds all splits that a lead's needs and that are not chosen, itself first. How many triangles they add; if they do not fit, as many as
+    /// were found until then.
+    fn find_needed(&mut self, hierarchy: &VertexHierarchy, object: usize, lead: VertexId, budget: u32) -> u32 {
+        let chosen = &mut self.chosen[object];
+        chosen.next_search();
         self.needed.clear();
+        chosen.is_first_asked(lead);
         self.needed.push(lead);
-        let (mut at, mut added) = (0, 0);
+        let (mut at, mut added) = (0, 0u32);
         while let Some(lead) = self.needed.get(at).copied() {
             at += 1;
             added += hierarchy.added_triangles(lead);
+            if self.triangle_count.saturating_add(added) > budget {
+                break;
+            }
             for vertex in hierarchy.together(lead) {
                 for needed in hierarchy.link(vertex).path().iter().map(|v| VertexId(*v)) {
-                    if !hierarchy.is_base(needed) {
-                        let needed = hierarchy.lead(needed);
-                        if !chosen.has(needed) && !self.needed.contains(&needed) {
-                            self.needed.push(needed);
-                        }
+                    if !hierarchy.is_base(needed) && chosen.is_first_asked(hierarchy.lead(needed)) {
+                        self.needed.push(hierarchy.lead(needed));
                     }
                 }
             }
@@ -301,6 +327,9 @@ impl Refinement {
     /// Makes what is chosen so far the occluder. What was behind the last one may be seen beyond this.
     fn draw_occluder(&mut self, objects: &[LodObject<'_>], number: usize, occluder: &mut dyn Occluder) {
         let cuts = &mut self.occluders[number];
+        if cuts.is_empty() {
+            cuts.extend(objects.iter().map(|object| Cut::new(object.hierarchy)));
+        }
         for ((cut, chosen), object) in cuts.iter_mut().zip(&self.chosen).zip(objects) {
             chosen.follow(object.hierarchy, cut);
         }

@@ -144,7 +144,7 @@ mod tests {
             let bounds = PackedBounds::new(&extent);
             let plane = Plane { normal: normal.normalize(), offset_m: offset };
             let hierarchy = VertexHierarchy::default();
-            let object = LodObject { hierarchy: &hierarchy, world_from_local, is_double_sided: false };
+            let object = LodObject { hierarchy: &hierarchy, world_from_local, is_double_sided: false, is_solid: true };
             let planes = [plane];
             let sight = LodSight { eye, planes: &planes, pixels_per_radian: 1000.0, near_m: 0.1 };
             let found = LocalSight::new(&sight, &object).of((Vec3::ZERO, &bounds));

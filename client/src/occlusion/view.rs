@@ -232,7 +232,9 @@ impl InRounds {
             }
         }
         pass.blended.clear();
-        pass.cuts.clear();
+        if pass.round > 0 {
+            pass.cuts.clear();
+        }
         pass.boxes.clear();
         if *is_last {
             pass.blended.extend(self.blended.iter().filter(|leaf| self.rounds.kept().contains(**leaf)));

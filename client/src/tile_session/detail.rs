@@ -42,7 +42,8 @@ impl TileSession {
                     return false;
                 }
                 // Those that wait for their turn are here, and still in the way.
-                if !on_the_way.has_room_ahead_for(length) || scene.hierarchies.early() >= PREFETCH_WINDOW {
+                let waits_behind = scene.hierarchies.early() >= PREFETCH_WINDOW && !scene.hierarchies.is_next(place);
+                if !on_the_way.has_room_ahead_for(length) || waits_behind {
                     return true;
                 }
                 on_the_way.insert(blob.hash, length, Purpose::Ahead { room });

@@ -283,6 +283,11 @@ impl Scene {
         self.manifest.leaves.len() as u32
     }
 
+    /// Its vertex hierarchies, if there are any.
+    pub fn hierarchies(&self) -> Option<&Arc<HierarchyTable>> {
+        self.vertex_hierarchies.as_ref().filter(|table| !table.entries().is_empty())
+    }
+
     /// The bytes of one section. Empty for [`SectionKind::ChunkData`], which the package holds, and for a tessellation or vertex
     /// hierarchies that are not there.
     ///

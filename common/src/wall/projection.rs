@@ -52,19 +52,20 @@ impl Projection {
         /// The least cosine between the picture's middle and a corner: a right angle from edge to edge, and a half.
         const LEAST_COSINE: f64 = 0.35;
         const SLACK: f64 = 1e-6;
+        const MOST_SIDES: usize = 8;
         let scale = 1.0 + eye.abs().max_element();
-        let sides: Vec<DVec3> =
-            planes.iter().filter(|plane| plane.distance_m(eye).abs() < SLACK * scale).map(|plane| plane.normal).collect();
-        let mut rays: Vec<DVec3> = Vec::new();
-        for (k, a) in sides.iter().enumerate() {
-            for b in &sides[k + 1..] {
-                let Some(edge) = a.cross(*b).try_normalize() else { continue };
-                let is_inside = |ray: &DVec3| sides.iter().all(|side| side.dot(*ray) > -SLACK);
-                rays.extend([edge, -edge].into_iter().filter(is_inside));
-            }
-        }
-        let forward = rays.iter().sum::<DVec3>().try_normalize().filter(|_| rays.len() > 2)?;
-        if rays.iter().any(|ray| ray.dot(forward) < LEAST_COSINE) {
+        let mut sides = [DVec3::ZERO; MOST_SIDES];
+        let through_eye = planes.iter().filter(|plane| plane.distance_m(eye).abs() < SLACK * scale);
+        let count = sides.iter_mut().zip(through_eye).map(|(side, plane)| *side = plane.normal).count();
+        let sides = &sides[..count];
+        // Where two sides meet, if no third cuts that off.
+        let rays = || {
+            let pairs = sides.iter().enumerate().flat_map(|(k, a)| sides[k + 1..].iter().map(move |b| a.cross(*b)));
+            let both_ways = pairs.filter_map(DVec3::try_normalize).flat_map(|edge| [edge, -edge]);
+            both_ways.filter(|ray| sides.iter().all(|side| side.dot(*ray) > -SLACK))
+        };
+        let forward = rays().sum::<DVec3>().try_normalize().filter(|_| rays().count() > 2)?;
+        if rays().any(|ray| ray.dot(forward) < LEAST_COSINE) {
             return None;
         }
         // Along the first side, so that a wall stands upright in the picture or lies.
@@ -72,7 +73,7 @@ impl Projection {
         let right = sides.first()?.reject_from_normalized(back).try_normalize()?;
         let up = back.cross(right);
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        for ray in &rays {
+        for ray in rays() {
             let at = DVec2::new(ray.dot(right), ray.dot(up)) / ray.dot(forward);
             (low, high) = (low.min(at), high.max(at));
         }

@@ -56,9 +56,7 @@ impl Part {
     /// # Errors
     /// When something of them is larger than nodes take.
     pub fn add_hierarchies(&mut self, package: &Package) -> Result<Option<BlobRef>, ServiceError> {
-        let Some(table) = package.scene.vertex_hierarchies.as_ref().filter(|table| !table.entries().is_empty()) else {
-            return Ok(None);
-        };
+        let Some(table) = package.scene.hierarchies() else { return Ok(None) };
         let index = HierarchyIndex::of(table).map_err(PackageError::from)?;
         for (number, hierarchy) in index.hierarchies.iter().enumerate() {
             let places = (0..).map(|blob| Place::OfHierarchy(number, blob));

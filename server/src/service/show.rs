@@ -151,8 +151,7 @@ impl Show {
             return Err(ServiceError::NoTessellation);
         }
         detail.map_or(Ok(()), check_detail)?;
-        let has_hierarchies = self.package.scene.vertex_hierarchies.as_ref().is_some_and(|table| !table.entries().is_empty());
-        if detail.is_none() || has_hierarchies { Ok(()) } else { Err(ServiceError::NoHierarchies) }
+        if detail.is_none() || self.package.scene.hierarchies().is_some() { Ok(()) } else { Err(ServiceError::NoHierarchies) }
     }
 }
 

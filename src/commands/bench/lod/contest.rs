@@ -65,7 +65,7 @@ impl Way {
         });
         self.refinement.refine(&subject.objects(), &sight, options, occluder);
         if from == Some(OccluderFrom::ThisFrame) {
-            self.course.note(&self.refinement);
+            self.course.note(frame, &self.refinement);
         }
         start.elapsed()
     }

@@ -5,7 +5,7 @@ mod figures;
 mod table;
 mod views;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
@@ -20,6 +20,7 @@ use super::machine::Machine;
 use crate::camera::parse_point;
 use crate::commands::prepare::HowToPrepare;
 use crate::files::{claim, is_standard_output, write_json};
+use crate::lod::Subject;
 use crate::say::say;
 
 /// What to simplify, and from where it is seen.
@@ -41,7 +42,7 @@ pub struct Options {
     /// Most triangles of all objects together.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     triangles: u32,
-    /// Bounds that are held against the occluder. The costs of the first are measured.
+    /// What of a split is held against the occluder.
     #[arg(long, value_name = "KIND", value_delimiter = ',', default_value = "link,cylinder,box,sphere")]
     bounds: Vec<Bounds>,
     /// Splits after which the occluder is drawn, up to four, ascending.
@@ -51,7 +52,7 @@ pub struct Options {
     #[arg(long)]
     odd_levels: bool,
     /// Width and height of the occluder's picture, pixels.
-    #[arg(long, value_name = "PIXELS", default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..=4096))]
+    #[arg(long, value_name = "PIXELS", default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=4096))]
     occluder_px: u32,
     /// Width and height of the picture, pixels.
     #[arg(long, value_name = "PIXELS", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=8192))]
@@ -123,10 +124,18 @@ pub fn run(options: &Options) -> Result<()> {
         (names, _) => views::named(names)?,
     };
     let mut tables = Vec::new();
+    let mut subject: Option<(String, u32, Subject)> = None;
     for view in views {
         let view = view.from(options.eye, options.at);
-        let (subject, scene) = view.open(options.scene.as_deref(), &options.how.options()?)?;
-        let table = Contest::new(options, &view, &subject, gpu.as_ref())?.run(&scene)?;
+        let scene = view.scene(options.scene.as_deref());
+        // Views of one scene are next to each other: a planet is made once.
+        if subject.as_ref().is_none_or(|(of, copies, _)| (of, *copies) != (&scene, view.copies)) {
+            drop(subject.take());
+            subject = Some((scene.clone(), view.copies, view.open(&scene, &options.how.options()?)?));
+        }
+        let Some((.., subject)) = &subject else { continue };
+        let name = Path::new(&scene).file_name().map_or(scene.clone(), |name| name.to_string_lossy().into_owned());
+        let table = Contest::new(options, &view, subject, gpu.as_ref())?.run(&name)?;
         if !is_piped {
             table.print();
         }

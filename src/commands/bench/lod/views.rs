@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use glam::{DAffine3, DQuat, DVec3};
 use mullion_server::prepare::PrepareOptions;
 use mullion_server::prepare::lod::{LodOptions, add_vertex_hierarchies};
@@ -50,6 +50,14 @@ pub const VIEWS: [View; 6] = [
         motion: Motion::Orbit,
     },
     View {
+        name: "armadillo-open",
+        scene: (Some("scan_armadillo_loop_346k.glb"), "organic"),
+        copies: 1,
+        eye: [0.0, 0.1, 2.4],
+        at: [0.0, 0.0, 0.0],
+        motion: Motion::Orbit,
+    },
+    View {
         name: "armadillo-group",
         scene: (Some("scan_armadillo_loop_346k.glb"), "organic"),
         copies: 3,
@@ -67,14 +75,6 @@ pub const VIEWS: [View; 6] = [
         motion: Motion::Orbit,
     },
     View {
-        name: "armadillo-open",
-        scene: (Some("scan_armadillo_loop_346k.glb"), "organic"),
-        copies: 1,
-        eye: [0.0, 0.1, 2.4],
-        at: [0.0, 0.0, 0.0],
-        motion: Motion::Orbit,
-    },
-    View {
         name: "planet-full",
         scene: (None, "planet"),
         copies: 1,
@@ -86,8 +86,9 @@ pub const VIEWS: [View; 6] = [
         name: "planet-near",
         scene: (None, "planet"),
         copies: 1,
-        eye: [0.0, 0.62, 0.0],
-        at: [-0.5, 0.52, 0.0],
+        // Behind a hill.
+        eye: [0.0, 0.6, 0.0],
+        at: [0.0, 0.55, -0.5],
         motion: Motion::Turn,
     },
 ];
@@ -102,26 +103,29 @@ impl View {
         Self { eye: eye.map_or(self.eye, DVec3::into), at: at.map_or(self.at, DVec3::into), ..self }
     }
 
-    /// What is seen; also gives its name.
-    pub fn open(&self, named: Option<&str>, options: &PrepareOptions) -> Result<(Subject, String)> {
+    /// The scene that is named, or the view's own.
+    pub fn scene(&self, named: Option<&str>) -> String {
         let folder = std::env::var_os("MULLION_MODELS").map(PathBuf::from);
         let model = self.scene.0.zip(folder).map(|(file, folder)| folder.join(file)).filter(|path| path.exists());
-        let scene = match (named, model) {
+        match (named, model) {
             (Some(named), _) => named.to_owned(),
             (None, Some(model)) => model.display().to_string(),
             (None, None) => self.scene.1.to_owned(),
-        };
-        let mut package = open_named_scene(&scene, options)?;
+        }
+    }
+
+    /// What is seen of a scene.
+    pub fn open(&self, scene: &str, options: &PrepareOptions) -> Result<Subject> {
+        let mut package = open_named_scene(scene, options)?;
         if package.scene.vertex_hierarchies.is_none() {
             let progress = Progress::new();
             let added = add_vertex_hierarchies(&mut package, &LodOptions::default(), &|stage, done, total| {
                 progress.show(stage, done, total)
             });
             progress.finish();
-            added.with_context(|| scene.clone())?;
+            added.with_context(|| scene.to_owned())?;
         }
-        let name = PathBuf::from(&scene).file_name().map_or(scene.clone(), |name| name.to_string_lossy().into_owned());
-        Ok((Subject::new(package, self.copies, self.step())?, name))
+        Subject::new(package, self.copies, self.step())
     }
 
     /// From one copy to the next: away from the eye.
@@ -158,13 +162,12 @@ impl View {
     }
 }
 
-/// The views of these names, or all.
+/// The views of these names.
 pub fn named(names: &[String]) -> Result<Vec<View>> {
     let known = || VIEWS.iter().map(|view| view.name).collect::<Vec<_>>().join(", ");
     let of = |name: &String| {
         let found = VIEWS.iter().find(|view| view.name == name).copied();
         found.with_context(|| format!("--view: there is no {name:?}; there are {}", known()))
     };
-    ensure!(!names.is_empty(), "--view: none is named");
     names.iter().map(of).collect()
 }

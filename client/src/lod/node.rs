@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use mullion_common::scene::VertexId;
 
 /// A node: an object's lead, and how many pixels the surface is wrong where it is not split.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
     /// No less than 0.
     pub pixels: f32,
@@ -17,6 +17,12 @@ pub(super) struct Node {
     pub is_seen: bool,
     /// Whether what its vertex splits into next has been offered.
     pub is_followed: bool,
+}
+
+impl PartialEq for Node {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
 }
 
 impl Eq for Node {}
