@@ -17,14 +17,13 @@ use mullion_client::occlusion::Occlusion;
 use mullion_client::tile_session::{FrameToDraw, ViewToDraw};
 use mullion_common::scene::{ChunkId, ObjectId, Package};
 use mullion_common::visible_set::VisibleSet;
-use mullion_common::wall::{ViewId, Wall, WallConfig};
+use mullion_common::wall::ViewId;
 use mullion_common::wire::{Budget, Detail, Moved, Primary, ViewSpec};
 use mullion_server::generate::{GeneratedScene, write_glb};
 use mullion_server::prepare::PrepareOptions;
 use mullion_server::prepare::lod::{LodOptions, add_vertex_hierarchies};
+use support::tiled::{TILE_PX, composite, differing, only, specs, wall};
 
-/// Width and height of a tile; the wall has two by two.
-const TILE_PX: [u32; 2] = [80, 60];
 const TRIANGLES: u32 = 6000;
 
 fn package() -> Package {
@@ -35,19 +34,6 @@ fn package() -> Package {
     add_vertex_hierarchies(&mut package, &LodOptions { block_vertices: 500, ..LodOptions::default() }, &|_, _, _| {})
         .expect("it has triangles");
     package
-}
-
-/// The same screen as so many tiles, without bezels.
-fn wall(tiles: u32) -> Wall {
-    let [width, height] = TILE_PX.map(|edge| edge * 2 / tiles);
-    let (across, up) = (4.0 / f64::from(tiles), 3.0 / f64::from(tiles));
-    let text =
-        format!("[grid]\ncolumns = {tiles}\nrows = {tiles}\ntile_px = [{width}, {height}]\ntile_m = [{across:?}, {up:?}]\n");
-    WallConfig::parse(&text).expect("a valid wall")
-}
-
-fn specs(wall: &Wall) -> Vec<ViewSpec> {
-    (0..wall.views().len() as u16).map(|view| ViewSpec::of(wall, ViewId(view))).collect()
 }
 
 /// A node: its painter, and what it draws.
@@ -110,30 +96,12 @@ impl<'a> Node<'a> {
     }
 }
 
-fn differing(a: &RgbaImage, b: &RgbaImage) -> usize {
-    a.pixels().zip(b.pixels()).filter(|(a, b)| a != b).count()
-}
-
-/// All tiles' pictures as one.
-fn composite(wall: &Wall, pictures: &BTreeMap<String, RgbaImage>) -> RgbaImage {
-    let mut all = RgbaImage::new(TILE_PX[0] * 2, TILE_PX[1] * 2);
-    for (at, tile) in (0..).zip(wall.tiles()) {
-        let (column, row) = (at % 2, at / 2);
-        image::imageops::replace(&mut all, &pictures[&tile.name], column * i64::from(TILE_PX[0]), row * i64::from(TILE_PX[1]));
-    }
-    all
-}
-
 /// Before the planet, which fills most of the wall.
 fn room(package: &Package, frame: u64) -> DAffine3 {
     let bound = package.scene.hierarchy.nodes()[0].bound;
     let radius_m = bound.half_axes[0].length();
     let turn = DQuat::from_rotation_y(frame as f64 * 0.02);
     DAffine3::from_rotation_translation(turn, bound.center + turn * DVec3::new(0.1, 0.05, 2.6) * radius_m)
-}
-
-fn only(pictures: &BTreeMap<String, RgbaImage>) -> RgbaImage {
-    pictures.values().next().cloned().expect("a tile")
 }
 
 #[test]

@@ -18,14 +18,13 @@ use mullion_client::tile_session::{FrameToDraw, ViewToDraw};
 use mullion_common::scene::{ChunkId, ObjectId, Package, Transform};
 use mullion_common::throughput::LEAST_TRIANGLES;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
-use mullion_common::wall::{ViewId, Wall, WallConfig};
+use mullion_common::wall::ViewId;
 use mullion_common::wire::{Budget, Estimate, Moved, Primary, ViewSpec};
 use mullion_server::generate::{GeneratedScene, write_glb};
 use mullion_server::prepare::PrepareOptions;
 use mullion_server::prepare::plp::{TessellateOptions, tessellate};
+use support::tiled::{composite, differing, only, specs, wall};
 
-/// Width and height of a tile; the wall has two by two.
-const TILE_PX: [u32; 2] = [80, 60];
 const BOXES: &str = "boxes:1500";
 
 fn package() -> Package {
@@ -36,15 +35,6 @@ fn package() -> Package {
     let tessellation = tessellate(&package, &TessellateOptions::default(), &|_, _, _| {}).expect("it has triangles");
     package.scene.tessellation = Some(Arc::new(tessellation));
     package
-}
-
-/// The same screen as so many tiles, without bezels.
-fn wall(tiles: u32) -> Wall {
-    let [width, height] = TILE_PX.map(|edge| edge * 2 / tiles);
-    let (across, up) = (4.0 / f64::from(tiles), 3.0 / f64::from(tiles));
-    let text =
-        format!("[grid]\ncolumns = {tiles}\nrows = {tiles}\ntile_px = [{width}, {height}]\ntile_m = [{across:?}, {up:?}]\n");
-    WallConfig::parse(&text).expect("a valid wall")
 }
 
 /// The room in the midst of the boxes.
@@ -120,24 +110,6 @@ fn draw(painter: &mut GpuPainter, package: &Package, views: &[ViewSpec], order: 
     (painter.pictures().expect("pictures").into_iter().collect(), stats.triangles)
 }
 
-fn specs(wall: &Wall) -> Vec<ViewSpec> {
-    (0..wall.views().len() as u16).map(|view| ViewSpec::of(wall, ViewId(view))).collect()
-}
-
-fn differing(a: &RgbaImage, b: &RgbaImage) -> usize {
-    a.pixels().zip(b.pixels()).filter(|(a, b)| a != b).count()
-}
-
-/// All tiles' pictures as one.
-fn composite(wall: &Wall, pictures: &BTreeMap<String, RgbaImage>) -> RgbaImage {
-    let mut all = RgbaImage::new(TILE_PX[0] * 2, TILE_PX[1] * 2);
-    for (at, tile) in (0..).zip(wall.tiles()) {
-        let (column, row) = (at % 2, at / 2);
-        image::imageops::replace(&mut all, &pictures[&tile.name], column * i64::from(TILE_PX[0]), row * i64::from(TILE_PX[1]));
-    }
-    all
-}
-
 #[test]
 fn all_nodes_cut_at_the_same_place() {
     if !support::has_gpu() {
@@ -151,11 +123,10 @@ fn all_nodes_cut_at_the_same_place() {
     let mut together = painter(&gpu, &package, &of_tiled, Occlusion::Off);
     let mut apart: Vec<GpuPainter> =
         of_tiled.iter().map(|view| painter(&gpu, &package, std::slice::from_ref(view), Occlusion::Hiz)).collect();
-    let picture = |pictures: &BTreeMap<String, RgbaImage>| pictures.values().next().cloned().expect("a tile");
     let (exact, _) = draw(&mut one, &package, &of_whole, &ALL);
     let exact_tiles = composite(&tiled, &draw(&mut together, &package, &of_tiled, &ALL).0);
     // What a picture in one piece and one of tiles may differ by: pixels on edges, whose places are rounded otherwise.
-    let edges = differing(&exact_tiles, &picture(&exact));
+    let edges = differing(&exact_tiles, &only(&exact));
     let mut seams = 0;
     for triangles in [40, 150, 600] {
         let order = to_budget(&package, triangles, false);
@@ -167,12 +138,12 @@ fn all_nodes_cut_at_the_same_place() {
             assert!(own[&view.tile_name] == tiles[&view.tile_name], "{} to {triangles}", view.tile_name);
         }
         let composite_of = composite(&tiled, &tiles);
-        let wrong = differing(&composite_of, &picture(&pictures));
+        let wrong = differing(&composite_of, &only(&pictures));
         assert!(wrong <= edges + edges / 2 + 4, "{wrong} pixels differ to {triangles}, {edges} where all is drawn");
         assert!(differing(&composite_of, &exact_tiles) > 20, "to {triangles} something is missing");
         let of_tile = Order { of_tile: Budget { triangles: Some(triangles / 4), gpu_us: None }, ..ALL };
         let (own, _) = draw(&mut together, &package, &of_tiled, &of_tile);
-        seams = seams.max(differing(&composite(&tiled, &own), &picture(&pictures)));
+        seams = seams.max(differing(&composite(&tiled, &own), &only(&pictures)));
     }
     assert!(seams > 2 * edges + 50, "tiles with budgets of their own find something else: {seams}");
 }

@@ -5,6 +5,7 @@ pub mod masters;
 pub mod painter;
 pub mod random;
 pub mod relay;
+pub mod tiled;
 
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read};

@@ -267,7 +267,7 @@ fn fill((width, height): (usize, usize), near: &mut [f32], [a, b, c]: [Vec3; 3],
     let is_drawn = match facing {
         Facing::Counterclockwise => doubled < 0.0,
         Facing::Clockwise => doubled > 0.0,
-        Facing::Either => doubled < 0.0 || doubled > 0.0,
+        Facing::Either => doubled.abs() > 0.0,
     };
     if !is_drawn {
         return;
