@@ -79,8 +79,7 @@ impl Detailing {
             return None;
         }
         let hierarchy = place.as_ref()?;
-        let bytes =
-            hierarchy.memory_bytes() + u64::from(hierarchy.vertex_count()) * Refinement::BYTES_A_VERTEX * objects.len() as u64;
+        let bytes = hierarchy.memory_bytes();
         if hierarchy.block_count() == 0 {
             let materials: Vec<&Material> =
                 hierarchy.base().materials.iter().map(|m| &manifest.materials[m.0 as usize]).collect();

@@ -2,6 +2,8 @@
 
 use mullion_common::scene::{TrianglePlace, VertexHierarchy, VertexId};
 
+use super::sparse::Sparse;
+
 const NONE: u32 = u32::MAX;
 
 /// What is known of a vertex that is there.
@@ -15,16 +17,29 @@ pub(super) struct Slot {
 }
 
 /// An active cut of one hierarchy: a set of splits, each with all that it needs. Starts as the base.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Cut {
     /// For each vertex its place in `slots`.
-    places: Vec<u32>,
+    places: Sparse<u32>,
     slots: Vec<Slot>,
     base_triangles: Vec<u64>,
     base_count: u32,
     triangle_count: u32,
     /// What is split or taken back next.
     changes: Vec<VertexId>,
+}
+
+impl Default for Cut {
+    fn default() -> Self {
+        Self {
+            places: Sparse::new(NONE),
+            slots: Vec::new(),
+            base_triangles: Vec::new(),
+            base_count: 0,
+            triangle_count: 0,
+            changes: Vec::new(),
+        }
+    }
 }
 
 impl Cut {
@@ -38,7 +53,7 @@ impl Cut {
     /// Takes all splits back. Another hierarchy may be given; memory is taken only where it is larger.
     pub fn reset(&mut self, hierarchy: &VertexHierarchy) {
         let count = hierarchy.base_count();
-        self.slots.drain(..).for_each(|slot| self.places[slot.vertex.index()] = NONE);
+        self.slots.drain(..).for_each(|slot| *self.places.get_mut(slot.vertex.index()) = NONE);
         self.grow(hierarchy);
         self.base_count = count;
         let base = &hierarchy.base().triangles;
@@ -50,37 +65,35 @@ impl Cut {
 
     /// Makes room for blocks that came since.
     pub fn grow(&mut self, hierarchy: &VertexHierarchy) {
-        let vertices = hierarchy.vertex_count() as usize;
-        self.places.resize(vertices.max(self.places.len()), NONE);
+        self.places.grow(hierarchy.vertex_count() as usize);
     }
 
     fn put(&mut self, vertex: VertexId) {
-        self.places[vertex.index()] = self.slots.len() as u32;
+        *self.places.get_mut(vertex.index()) = self.slots.len() as u32;
         self.slots.push(Slot { vertex, triangles: 0, needed: 0 });
     }
 
     fn remove(&mut self, vertex: VertexId) {
-        let place = std::mem::replace(&mut self.places[vertex.index()], NONE);
+        let place = std::mem::replace(self.places.get_mut(vertex.index()), NONE);
         self.slots.swap_remove(place as usize);
         if let Some(moved) = self.slots.get(place as usize) {
-            self.places[moved.vertex.index()] = place;
+            *self.places.get_mut(moved.vertex.index()) = place;
         }
     }
 
     /// Whether a vertex is there.
     #[inline]
     pub fn has(&self, vertex: VertexId) -> bool {
-        self.places.get(vertex.index()).is_some_and(|place| *place != NONE)
+        self.place(vertex) != NONE
     }
 
     fn slot(&self, vertex: VertexId) -> Option<&Slot> {
-        let place = self.places.get(vertex.index())?;
-        self.slots.get(*place as usize)
+        self.slots.get(self.place(vertex) as usize)
     }
 
     fn slot_mut(&mut self, vertex: VertexId) -> Option<&mut Slot> {
-        let place = self.places.get(vertex.index())?;
-        self.slots.get_mut(*place as usize)
+        let place = self.place(vertex);
+        self.slots.get_mut(place as usize)
     }
 
     /// The vertices that are there, by their places.
@@ -91,7 +104,7 @@ impl Cut {
     /// The place of a vertex that is there among [`Cut::vertices`].
     #[inline]
     pub fn place(&self, vertex: VertexId) -> u32 {
-        self.places[vertex.index()]
+        self.places.get(vertex.index())
     }
 
     /// How many triangles are there.

@@ -14,6 +14,7 @@ mod node;
 mod occluder;
 mod refinement;
 mod sight;
+mod sparse;
 
 pub use course::OccluderCourse;
 pub use cut::Cut;

@@ -7,6 +7,7 @@ use mullion_common::scene::{VertexHierarchy, VertexId};
 use super::cut::Cut;
 use super::node::Node;
 use super::sight::LocalSight;
+use super::sparse::Sparse;
 use super::{LodObject, LodSight, NodeSight};
 
 /// How far refinement goes, and when its occluder is drawn.
@@ -101,7 +102,7 @@ pub struct Refinement {
 #[derive(Debug, Default)]
 struct Chosen {
     /// By lead.
-    known: Vec<Known>,
+    known: Sparse<Known>,
     search: u32,
     frame: u32,
     leads: Vec<VertexId>,
@@ -124,26 +125,26 @@ impl Chosen {
         self.leads.clear();
         self.frame = self.frame.wrapping_add(1);
         if self.frame == 0 {
-            self.known.clear();
+            self.known.written().for_each(|known| known.frame = 0);
             self.frame = 1;
         }
-        self.known.resize(vertices.max(self.known.len()), Known::default());
+        self.known.grow(vertices);
     }
 
     #[inline]
     fn has(&self, lead: VertexId) -> bool {
-        self.known[lead.index()].frame == self.frame
+        self.known.get(lead.index()).frame == self.frame
     }
 
     fn put(&mut self, lead: VertexId) {
-        self.known[lead.index()].frame = self.frame;
+        self.known.get_mut(lead.index()).frame = self.frame;
         self.leads.push(lead);
     }
 
     fn next_search(&mut self) {
         self.search = self.search.wrapping_add(1);
         if self.search == 0 {
-            self.known.iter_mut().for_each(|known| known.search = 0);
+            self.known.written().for_each(|known| known.search = 0);
             self.search = 1;
         }
     }
@@ -151,7 +152,7 @@ impl Chosen {
     /// Whether a lead is not chosen and was not asked about in this search.
     #[inline]
     fn is_first_asked(&mut self, lead: VertexId) -> bool {
-        let known = &mut self.known[lead.index()];
+        let known = self.known.get_mut(lead.index());
         known.frame != self.frame && std::mem::replace(&mut known.search, self.search) != self.search
     }
 
@@ -161,9 +162,6 @@ impl Chosen {
 }
 
 impl Refinement {
-    /// What each object takes of memory for each vertex of its hierarchy, bytes, once occluders are drawn.
-    pub const BYTES_A_VERTEX: u64 = (size_of::<Known>() + (1 + MAX_OCCLUDERS) * size_of::<u32>()) as u64;
-
     /// A refinement that has found nothing.
     pub fn new() -> Self {
         Self::default()
@@ -200,7 +198,7 @@ impl Refinement {
                 if let Some((occluder, _)) = occluder.as_mut().filter(|_| drawn > 0) {
                     // Questions may be asked at every other level: what is below a node that is seen is likely seen.
                     if !node.is_seen {
-                        let known = &mut self.chosen[object].known[node.lead.index()];
+                        let known = self.chosen[object].known.get_mut(node.lead.index());
                         if known.picture != self.picture {
                             self.question_count += 1;
                             (known.picture, known.answer) = (self.picture, occluder.hides(object, hierarchy, node.lead));
@@ -248,7 +246,7 @@ impl Refinement {
         self.sights.clear();
         self.sights.extend(objects.iter().map(|object| LocalSight::new(sight, object)));
         self.chosen.resize_with(objects.len(), Chosen::default);
-        // Those of occluders only once there are some: they take memory for each vertex.
+        // Those of occluders only once there are some.
         let occluders = self.occluders.iter_mut().filter(|cuts| !cuts.is_empty());
         for cuts in std::iter::once(&mut self.cuts).chain(occluders) {
             let known = cuts.len();
@@ -342,7 +340,7 @@ impl Refinement {
         self.picture = self.picture.wrapping_add(1).max(1);
         if self.picture == 1 {
             // Once around: nothing of what was answered then is taken for an answer now.
-            self.chosen.iter_mut().flat_map(|chosen| &mut chosen.known).for_each(|known| known.picture = 0);
+            self.chosen.iter_mut().flat_map(|chosen| chosen.known.written()).for_each(|known| known.picture = 0);
         }
     }
 
