@@ -215,13 +215,13 @@ impl Detailing {
         };
         // A wall that looks all around has no picture of its own: nothing is taken to be hidden.
         let projection = if detail.hides { Projection::within(frame.shared_eye, &primary.planes, NEAR_M) } else { None };
-        self.is_final = projection.is_none() || from == Some(OccluderFrom::ThisFrame);
         let occluder = projection.zip(from).map(|(projection, from)| {
             let occluder = self.occluder.get_or_insert_with(|| DepthOccluder::new(OCCLUDER_PX, BoundsKind::default()));
-            occluder.look(&projection);
+            let from = if occluder.look(&projection) { from } else { OccluderFrom::ThisFrame };
             (occluder as &mut dyn Occluder, from)
         });
         let is_drawn = occluder.as_ref().is_some_and(|(_, from)| *from == OccluderFrom::ThisFrame);
+        self.is_final = projection.is_none() || is_drawn;
         self.refinement.refine(&objects, &sight, &options, occluder);
         if is_drawn {
             self.course.note(frame.number, &self.refinement);

@@ -22,6 +22,11 @@ pub enum BoundsKind {
     Link,
 }
 
+/// The picture is so many times as wide and high as the view, for frames that keep it.
+const WIDER: f32 = 1.13;
+/// Of the angle by which such frames may be turned: about 3.6 degrees.
+const LEAST_COSINE: f64 = 0.998;
+
 /// Depths in a picture, and of each 2×2, 4×4, … of its pixels the farthest.
 ///
 /// Only pixels' middles are looked at, so answers are as good as the picture is fine. An error costs triangles or sharpness, no correctness.
@@ -29,6 +34,8 @@ pub enum BoundsKind {
 pub struct DepthOccluder {
     kind: BoundsKind,
     projection: Option<Projection>,
+    /// From where it was drawn.
+    drawn: Option<Projection>,
     /// By object.
     clip_from_local: Vec<Mat4>,
     levels: Vec<Level>,
@@ -63,12 +70,15 @@ impl DepthOccluder {
             }
             (width, height) = (width.div_ceil(2), height.div_ceil(2));
         }
-        Self { kind, projection: None, clip_from_local: Vec::new(), levels, placed: Vec::new() }
+        Self { kind, projection: None, drawn: None, clip_from_local: Vec::new(), levels, placed: Vec::new() }
     }
 
-    /// From where the next frame is seen.
-    pub fn look(&mut self, projection: &Projection) {
+    /// From where the next frame is seen. Whether what was drawn may be kept for it: it looks about the same way.
+    pub fn look(&mut self, projection: &Projection) -> bool {
+        let forward = |of: &Projection| of.clip_from_offset.row(3).truncate().normalize_or_zero();
+        let holds = self.drawn.is_some_and(|drawn| forward(&drawn).dot(forward(projection)) > LEAST_COSINE);
         self.projection = Some(*projection);
+        holds
     }
 
     fn draw_cut(&mut self, hierarchy: &VertexHierarchy, cut: &Cut, clip_from_local: &Mat4, facing: Facing) {
@@ -185,10 +195,12 @@ impl Spread {
 impl Occluder for DepthOccluder {
     fn draw(&mut self, objects: &[LodObject<'_>], cuts: &[Cut]) {
         let Some(projection) = self.projection else { return };
+        let wider = Mat4::from_scale(Vec3::new(WIDER.recip(), WIDER.recip(), 1.0));
+        self.drawn = Some(projection);
         self.levels[0].near.fill(0.0);
         self.clip_from_local.clear();
         for (object, cut) in objects.iter().zip(cuts) {
-            let clip_from_local = projection.clip_from_local(&object.world_from_local);
+            let clip_from_local = wider * projection.clip_from_local(&object.world_from_local);
             let facing = match (object.is_double_sided, object.world_from_local.matrix3.determinant() < 0.0) {
                 (true, _) => Facing::Either,
                 (false, false) => Facing::Counterclockwise,
@@ -236,11 +248,13 @@ impl DepthOccluder {
         let row = |y: f32| (0.5 - y * 0.5) * height;
         let (left, right) = (column(low.x) - MARGIN, column(high.x) + MARGIN);
         let (top, bottom) = (row(high.y) - MARGIN, row(low.y) + MARGIN);
-        // What is beyond the picture may be seen by a frame that keeps it.
-        if left < 0.0 || right >= width || top < 0.0 || bottom >= height {
-            return false;
+        // Wider than the view: what is beyond it comes into no frame that keeps it.
+        if right < 0.0 || left >= width || bottom < 0.0 || top >= height {
+            return true;
         }
-        let [x, y] = [(left, right), (top, bottom)].map(|(low, high)| (low as usize, high as usize));
+        // As integers below 0 are 0, and what is beyond the picture is cut off.
+        let [x, y] =
+            [(left, right, width), (top, bottom, height)].map(|(low, high, size)| (low as usize, high.min(size - 1.0) as usize));
         const CELLS: usize = 4;
         let longest = (x.1 - x.0).max(y.1 - y.0);
         let level = (longest / CELLS).checked_ilog2().map_or(0, |log| log as usize + 1);
@@ -363,7 +377,7 @@ mod tests {
             assert!(!hides(&occluder, &ball(Vec3::new(0.0, 0.0, -9.0), 0.5)), "{kind:?}: half beside it");
             assert!(!hides(&occluder, &ball(Vec3::new(3.0, 0.0, -9.0), 0.5)), "{kind:?}: beside it");
             assert!(!hides(&occluder, &ball(Vec3::new(0.0, 0.0, 0.0), 0.5)), "{kind:?}: around the eye");
-            assert!(!hides(&occluder, &ball(Vec3::new(-900.0, 0.0, -9.0), 0.5)), "{kind:?}: outside");
+            assert!(hides(&occluder, &ball(Vec3::new(-900.0, 0.0, -9.0), 0.5)), "{kind:?}: outside");
         }
     }
 
@@ -435,6 +449,21 @@ mod tests {
                 prop_assert!(if is_drawn && least > 0.0 { (found - expected).abs() < 1e-3 } else { *found == 0.0 }, "{found} at {x}, {y}");
             }
         }
+    }
+
+    #[test]
+    fn a_picture_is_kept_while_the_view_is_about_the_same() {
+        let mut occluder = DepthOccluder::new(SIZE, BoundsKind::Link);
+        let turned = |degrees: f64| {
+            let corners = [DVec3::new(-1.0, -0.75, -1.0), DVec3::new(1.0, -0.75, -1.0), DVec3::new(-1.0, 0.75, -1.0)];
+            Projection::through_rectangle(DVec3::ZERO, corners, 0.1, &DAffine3::from_rotation_y(degrees.to_radians()))
+        };
+        assert!(!occluder.look(&turned(0.0)), "nothing is drawn");
+        occluder.draw(&[], &[]);
+        assert_eq!(
+            [0.0, 3.0, -3.0, 5.0, 90.0, 180.0].map(|by| occluder.look(&turned(by))),
+            [true, true, true, false, false, false]
+        );
     }
 
     #[test]

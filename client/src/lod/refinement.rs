@@ -53,7 +53,7 @@ pub trait Occluder {
 pub enum OccluderFrom {
     /// It is drawn on the way, at the steps of the options, and at last from what was found: for frames that keep it.
     ThisFrame,
-    /// It is as an earlier frame drew it, as long as that saw about the same: what is asked costs little, and it is asked from the first.
+    /// It is as an earlier frame drew it, which saw about the same: what is asked costs little, and it is asked from the first.
     EarlierFrame,
 }
 

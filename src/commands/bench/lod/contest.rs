@@ -58,13 +58,14 @@ impl Way {
             pixels_per_radian: look.pixels_per_radian,
             near_m: look.near_m as f32,
         };
-        let from = self.course.at(frame);
-        let occluder = self.occluder.as_mut().zip(from).map(|(occluder, from)| {
-            occluder.look(&look.projection);
+        let mut is_drawn = false;
+        let occluder = self.occluder.as_mut().zip(self.course.at(frame)).map(|(occluder, from)| {
+            let from = if occluder.look(&look.projection) { from } else { OccluderFrom::ThisFrame };
+            is_drawn = from == OccluderFrom::ThisFrame;
             (occluder as &mut dyn Occluder, from)
         });
         self.refinement.refine(&subject.objects(), &sight, options, occluder);
-        if from == Some(OccluderFrom::ThisFrame) {
+        if is_drawn {
             self.course.note(frame, &self.refinement);
         }
         start.elapsed()
