@@ -134,9 +134,9 @@ impl Detailing {
         self.has_changed = true;
     }
 
-    /// Something stands elsewhere than in the frame before.
-    pub fn note_moved(&mut self) {
-        self.has_changed = true;
+    /// An object stands elsewhere than in the frame before.
+    pub fn note_moved(&mut self, object: ObjectId) {
+        self.has_changed |= self.parts.binary_search_by_key(&object, |part| part.object).is_ok();
     }
 
     /// Whether the frame that was found last would be found the same again, as long as nothing comes and nothing moves.

@@ -215,6 +215,7 @@ impl Painter for GpuPainter {
     fn set_transform(&mut self, moved: &Moved) -> Result<(), PaintError> {
         let scene = self.scene()?;
         scene.renderer.set_transform(moved.object, moved.transform);
+        scene.detailing.note_moved(moved.object);
         scene.has_changed = true;
         Ok(())
     }
@@ -233,9 +234,6 @@ impl Painter for GpuPainter {
         }
         for (drawn, view) in drawn.iter_mut().zip(&frame.views) {
             view.leaves.difference_into(&frame.dropped, drawn);
-        }
-        if *has_changed {
-            detailing.note_moved();
         }
         detailing.find(renderer, views, frame, drawn).map_err(failed)?;
         let mut inputs: Vec<ViewInput<'_>> = views

@@ -75,7 +75,8 @@ impl Renderer {
         boxes.clear();
         boxes.extend((0..).zip(pass.look_for.leaves()).map(|(number, leaf)| TestBox::none(number).of_leaf(leaf, false)));
         let Some(first) = &mut target.first else { return boxes };
-        first.untested.clear();
+        let mut untested = std::mem::take(&mut first.untested);
+        untested.clear();
         let eye = pass.projection.eye;
         let mut of_world: Option<u32> = None;
         for (number, bound) in (0..).zip(&pass.bounds) {
@@ -89,20 +90,20 @@ impl Renderer {
                     (bounds.moved(-eye), record, LocalScale::WORLD, false)
                 }
                 Bound::Leaf(leaf) => {
-                    let leaf = &self.manifest.leaves[leaf as usize];
+                    let leaf = self.manifest.leaves[leaf as usize];
                     let object = leaf.object.0 as usize;
                     let world_from_local = self.transforms[object].affine();
-                    if self.recorded[object].0 != self.pass {
-                        self.recorded[object] = (self.pass, self.list.records.len() as u32);
-                        self.list.records.push(pass.projection.clip_from_local(&world_from_local).to_cols_array());
-                    }
-                    (leaf.local_aabb(), self.recorded[object].1, LocalScale::of(&world_from_local), self.mirrored[object])
+                    let record = self.record(pass, leaf.object);
+                    (leaf.local_aabb(), record, LocalScale::of(&world_from_local), self.mirrored[object])
                 }
             };
             let clip_from_local = glam::Mat4::from_cols_array(&self.list.records[record as usize]);
             let grown = grower.test(&bounds, &clip_from_local, &scale);
             boxes.extend(grown.map(|grown| TestBox::new(grown, record, number, is_mirrored)));
-            first.untested.push(grown.is_none());
+            untested.push(grown.is_none());
+        }
+        if let Some(first) = &mut self.targets[at].first {
+            first.untested = untested;
         }
         boxes
     }
