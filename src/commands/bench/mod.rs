@@ -10,11 +10,14 @@ mod occlusion;
 mod plp;
 mod table;
 
+use std::fs;
+use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mullion_client::gpu::{Gpu, GpuOptions};
 
+use crate::files::claim;
 use crate::say::say;
 
 /// What to measure.
@@ -57,4 +60,12 @@ fn open_gpu(is_piped: bool) -> Option<Arc<Gpu>> {
             None
         }
     }
+}
+
+/// Creates the file and the folder that results go to, so that long work does not end with nowhere to write them.
+fn claim_outputs(json: Option<&Path>, plots: Option<&Path>) -> Result<()> {
+    json.map_or(Ok(()), claim)?;
+    plots.map_or(Ok(()), |folder| {
+        fs::create_dir_all(folder).with_context(|| format!("--plots: cannot make the folder {}", folder.display()))
+    })
 }

@@ -7,7 +7,7 @@ mod views;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use glam::DVec3;
 use mullion_client::lod::BoundsKind;
@@ -19,7 +19,7 @@ use self::views::{VIEWS, View};
 use super::machine::Machine;
 use crate::camera::parse_point;
 use crate::commands::prepare::HowToPrepare;
-use crate::files::{claim, is_standard_output, write_json};
+use crate::files::{is_standard_output, write_json};
 use crate::lod::Subject;
 use crate::say::say;
 
@@ -106,10 +106,7 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!(options.occluders.is_sorted_by(|a, b| a < b), "--occluders: they do not ascend");
     ensure!(options.occluders.len() <= 4, "--occluders: more than four");
     ensure!(options.pixel_error > 0.0 && options.pixel_error.is_finite(), "--pixel-error: not above 0");
-    options.json.as_deref().map_or(Ok(()), claim)?;
-    options.plots.as_ref().map_or(Ok(()), |folder| {
-        std::fs::create_dir_all(folder).with_context(|| format!("--plots: cannot make {}", folder.display()))
-    })?;
+    super::claim_outputs(options.json.as_deref(), options.plots.as_deref())?;
     let is_piped = options.json.as_deref().is_some_and(is_standard_output);
     let machine = Machine::this();
     let gpu = if options.no_gpu { None } else { super::open_gpu(is_piped) };

@@ -22,7 +22,7 @@ use super::machine::Machine;
 use crate::birdseye::{self, Flight};
 use crate::camera::PathSource;
 use crate::commands::prepare::HowToPrepare;
-use crate::files::{claim, is_standard_output, open_named_scene, write_json};
+use crate::files::{is_standard_output, open_named_scene, write_json};
 use crate::say::say;
 
 /// What to draw, and how.
@@ -187,10 +187,7 @@ struct Report<'a> {
 pub fn run(options: &Options) -> Result<()> {
     let source = options.path.as_deref().map(PathSource::open).transpose().context("--path")?;
     let how = options.how.options()?;
-    options.json.as_deref().map_or(Ok(()), claim)?;
-    options.plots.as_ref().map_or(Ok(()), |folder| {
-        std::fs::create_dir_all(folder).with_context(|| format!("--plots: cannot make the folder {}", folder.display()))
-    })?;
+    super::claim_outputs(options.json.as_deref(), options.plots.as_deref())?;
     let birdseyes = options.birdseyes();
     birdseyes.iter().try_for_each(|file| birdseye::claim(file))?;
     let is_piped = options.json.as_deref().is_some_and(is_standard_output);

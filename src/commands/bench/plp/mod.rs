@@ -21,7 +21,7 @@ use self::table::Table;
 use super::machine::Machine;
 use crate::camera::PathSource;
 use crate::commands::prepare::{HowToPrepare, add_tessellation};
-use crate::files::{claim, is_standard_output, open_named_scene, write_json};
+use crate::files::{is_standard_output, open_named_scene, write_json};
 use crate::say::say;
 
 /// A scene of the paper: its name, its camera path, and how many frames the paper measured.
@@ -96,10 +96,7 @@ struct Report<'a> {
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     ensure!(options.budgets.is_sorted_by(|a, b| a < b), "--budgets: they do not ascend");
-    options.json.as_deref().map_or(Ok(()), claim)?;
-    options.plots.as_ref().map_or(Ok(()), |folder| {
-        std::fs::create_dir_all(folder).with_context(|| format!("--plots: cannot make the folder {}", folder.display()))
-    })?;
+    super::claim_outputs(options.json.as_deref(), options.plots.as_deref())?;
     let is_piped = options.json.as_deref().is_some_and(is_standard_output);
     let machine = Machine::this();
     let gpu = if options.no_gpu { None } else { super::open_gpu(is_piped) };
