@@ -18,7 +18,7 @@ use crate::lod::{
 use crate::tile_session::FrameToDraw;
 
 /// Width and height of the occluder's picture: of the whole wall, whatever its shape.
-const OCCLUDER_PX: [u32; 2] = [256, 256];
+const OCCLUDER_PX: [u32; 2] = [288, 288];
 /// After so many splits the occluder is drawn: the paper's two (section 4), and on for cuts that are larger than the paper's.
 const OCCLUDERS: [u32; 4] = [300, 2500, 20_000, 160_000];
 /// No node counts as nearer than this, metres.

@@ -4,9 +4,9 @@
 use super::{OccluderFrom, Refinement};
 
 /// An occluder that hides something is drawn anew every so many frames.
-const KEPT_FRAMES: u64 = 8;
+const KEPT_FRAMES: u64 = 16;
 /// Whether one would hide something is found out every so many frames.
-const ASKED_AGAIN: u64 = 32;
+const ASKED_AGAIN: u64 = 64;
 /// Of what it is asked it must hide such a share to be kept. Below it improves what is seen by less than 5 % (`mullion bench lod`).
 const LEAST_HIDDEN: f32 = 0.06;
 
@@ -43,14 +43,14 @@ mod tests {
 
     #[test]
     fn turns_come_by_the_frame() {
-        let course = |is_worth| OccluderCourse { is_worth, drawn: Some(33) };
+        let course = |is_worth| OccluderCourse { is_worth, drawn: Some(65) };
         assert_eq!(OccluderCourse::default().at(5), Some(OccluderFrom::ThisFrame), "it comes late");
-        assert_eq!([34, 40, 63].map(|frame| course(false).at(frame)), [None; 3]);
-        assert_eq!([64, 65, 97].map(|frame| course(false).at(frame)), [Some(OccluderFrom::ThisFrame); 3]);
-        assert_eq!([34, 39].map(|frame| course(true).at(frame)), [Some(OccluderFrom::EarlierFrame); 2]);
-        assert_eq!([40, 41, 49].map(|frame| course(true).at(frame)), [Some(OccluderFrom::ThisFrame); 3], "one may be missed");
+        assert_eq!([66, 80, 127].map(|frame| course(false).at(frame)), [None; 3]);
+        assert_eq!([128, 129, 193].map(|frame| course(false).at(frame)), [Some(OccluderFrom::ThisFrame); 3]);
+        assert_eq!([66, 79].map(|frame| course(true).at(frame)), [Some(OccluderFrom::EarlierFrame); 2]);
+        assert_eq!([80, 81, 97].map(|frame| course(true).at(frame)), [Some(OccluderFrom::ThisFrame); 3], "one may be missed");
         let mut learning = course(true);
-        learning.note(48, &Refinement::new());
-        assert_eq!(learning.at(56), None, "nothing was hidden");
+        learning.note(96, &Refinement::new());
+        assert_eq!(learning.at(112), None, "nothing was hidden");
     }
 }

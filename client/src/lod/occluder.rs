@@ -23,9 +23,9 @@ pub enum BoundsKind {
 }
 
 /// The picture is so many times as wide and high as the view, for frames that keep it.
-const WIDER: f32 = 1.13;
-/// Of the angle by which such frames may be turned: about 3.6 degrees.
-const LEAST_COSINE: f64 = 0.998;
+const WIDER: f32 = 1.28;
+/// Of the angle by which such frames may be turned: about 8 degrees.
+const LEAST_COSINE: f64 = 0.99;
 
 /// Depths in a picture, and of each 2×2, 4×4, … of its pixels the farthest.
 ///
@@ -36,6 +36,8 @@ pub struct DepthOccluder {
     projection: Option<Projection>,
     /// From where it was drawn.
     drawn: Option<Projection>,
+    /// Whether it was drawn for the frame that looks: then what is beyond the view is of no use.
+    is_of_frame: bool,
     /// By object.
     clip_from_local: Vec<Mat4>,
     levels: Vec<Level>,
@@ -70,7 +72,7 @@ impl DepthOccluder {
             }
             (width, height) = (width.div_ceil(2), height.div_ceil(2));
         }
-        Self { kind, projection: None, drawn: None, clip_from_local: Vec::new(), levels, placed: Vec::new() }
+        Self { kind, projection: None, drawn: None, is_of_frame: false, clip_from_local: Vec::new(), levels, placed: Vec::new() }
     }
 
     /// From where the next frame is seen. Whether what was drawn may be kept for it: it looks about the same way.
@@ -78,6 +80,7 @@ impl DepthOccluder {
         let forward = |of: &Projection| of.clip_from_offset.row(3).truncate().normalize_or_zero();
         let holds = self.drawn.is_some_and(|drawn| forward(&drawn).dot(forward(projection)) > LEAST_COSINE);
         self.projection = Some(*projection);
+        self.is_of_frame = false;
         holds
     }
 
@@ -197,6 +200,7 @@ impl Occluder for DepthOccluder {
         let Some(projection) = self.projection else { return };
         let wider = Mat4::from_scale(Vec3::new(WIDER.recip(), WIDER.recip(), 1.0));
         self.drawn = Some(projection);
+        self.is_of_frame = true;
         self.levels[0].near.fill(0.0);
         self.clip_from_local.clear();
         for (object, cut) in objects.iter().zip(cuts) {
@@ -248,8 +252,10 @@ impl DepthOccluder {
         let row = |y: f32| (0.5 - y * 0.5) * height;
         let (left, right) = (column(low.x) - MARGIN, column(high.x) + MARGIN);
         let (top, bottom) = (row(high.y) - MARGIN, row(low.y) + MARGIN);
-        // Wider than the view: what is beyond it comes into no frame that keeps it.
-        if right < 0.0 || left >= width || bottom < 0.0 || top >= height {
+        // Beyond the view in the frame that drew it, and beyond the picture in those that keep it.
+        let margin = if self.is_of_frame { 0.5 - 0.5 / WIDER } else { 0.0 };
+        let (x_margin, y_margin) = (margin * width, margin * height);
+        if right < x_margin || left >= width - x_margin || bottom < y_margin || top >= height - y_margin {
             return true;
         }
         // As integers below 0 are 0, and what is beyond the picture is cut off.
@@ -461,9 +467,23 @@ mod tests {
         assert!(!occluder.look(&turned(0.0)), "nothing is drawn");
         occluder.draw(&[], &[]);
         assert_eq!(
-            [0.0, 3.0, -3.0, 5.0, 90.0, 180.0].map(|by| occluder.look(&turned(by))),
+            [0.0, 7.0, -7.0, 9.0, 90.0, 180.0].map(|by| occluder.look(&turned(by))),
             [true, true, true, false, false, false]
         );
+    }
+
+    /// Beside the view and within the picture: of no use to the frame that draws, and to be seen by those that keep it.
+    #[test]
+    fn what_is_beside_the_view_is_left_out_by_the_frame_that_draws() {
+        let mut occluder = looking_ahead(BoundsKind::Box);
+        occluder.draw(&[], &[]);
+        let projection = occluder.projection.expect("it looks");
+        let wider = Mat4::from_scale(Vec3::new(WIDER.recip(), WIDER.recip(), 1.0));
+        occluder.clip_from_local.push(wider * projection.clip_from_local(&DAffine3::IDENTITY));
+        let [within, beside, beyond] = [9.0, 10.5, 13.0].map(|x| ball(Vec3::new(x, 0.0, -9.0), 0.5));
+        assert_eq!([within, beside, beyond].map(|ball| hides(&occluder, &ball)), [false, true, true]);
+        occluder.look(&projection);
+        assert_eq!([within, beside, beyond].map(|ball| hides(&occluder, &ball)), [false, false, true]);
     }
 
     #[test]

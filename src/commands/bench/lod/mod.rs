@@ -52,7 +52,7 @@ pub struct Options {
     #[arg(long)]
     odd_levels: bool,
     /// Width and height of the occluder's picture, pixels.
-    #[arg(long, value_name = "PIXELS", default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=4096))]
+    #[arg(long, value_name = "PIXELS", default_value_t = 288, value_parser = clap::value_parser!(u32).range(8..=4096))]
     occluder_px: u32,
     /// Width and height of the picture, pixels.
     #[arg(long, value_name = "PIXELS", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=8192))]
