@@ -15,7 +15,7 @@ pub struct DetailOptions {
     /// prepare --lod`).
     #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = pixels)]
     pixel_error: Option<f32>,
-    /// Draw them with so many triangles at most, all tiles together.
+    /// Draw them with so many triangles at most, all tiles together. Where that is not enough for all of them, the smallest are left out.
     #[arg(long, value_name = "TRIANGLES", value_parser = clap::value_parser!(u32).range(1..))]
     lod_triangles: Option<u32>,
     /// Draw what others hide as finely as what is seen (with --pixel-error or --lod-triangles).

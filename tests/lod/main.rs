@@ -162,7 +162,8 @@ fn random_answers_give_surfaces_within_the_budget() {
             });
             refinement.refine(&objects, &sight, &options, Some((&mut occluder, OccluderFrom::ThisFrame)));
             assert!(refinement.triangle_count() <= budget, "{name}, frame {frame}: above the budget");
-            assert_eq!(refinement.triangle_count(), refinement.cuts()[0].triangle_count());
+            let in_sight = if refinement.is_in_sight(0) { refinement.cuts()[0].triangle_count() } else { 0 };
+            assert_eq!(refinement.triangle_count(), in_sight);
             whole.assert_is_coarser(hierarchy, &refinement.cuts()[0], &format!("{name}, frame {frame}"));
         }
     }
@@ -209,6 +210,36 @@ fn a_budget_is_used_and_never_exceeded() {
     (base as u32..all + 300).step_by(97).for_each(&mut check);
     // A smaller one than the last.
     check(base as u32 + 100);
+}
+
+/// With more bases than a budget has triangles for, what is small is left out, and nothing is counted for what is out of sight.
+#[test]
+fn where_bases_are_too_many_the_smallest_are_left_out() {
+    const NEAR: usize = 5;
+    let mesh = meshes::torus(40, 24);
+    let base = mesh.hierarchy.base().triangles.len() as u32;
+    // Each farther away than the one before, and the last behind the eye.
+    let place = |z: f64| DAffine3::from_translation(DVec3::new(0.0, 0.0, z));
+    let objects: Vec<LodObject<'_>> = [-10.0, -20.0, -30.0, -40.0, -50.0, 20.0]
+        .map(|z| LodObject { world_from_local: place(z), ..seen_from_all_sides(&mesh.hierarchy) })
+        .to_vec();
+    let planes = [Plane { normal: DVec3::NEG_Z, offset_m: 0.0 }];
+    let sight = LodSight { planes: &planes, ..looking(DVec3::ZERO) };
+    let mut refinement = Refinement::new();
+    for budget in (0..base * 8).step_by(base as usize / 3) {
+        refinement.refine(&objects, &sight, &LodOptions { budget, ..LodOptions::default() }, None);
+        let drawn: Vec<u32> = refinement.cuts().iter().map(|cut| cut.triangle_count()).collect();
+        let there = NEAR.min((budget / base) as usize);
+        assert!(drawn[..there].iter().all(|triangles| *triangles >= base), "{drawn:?} of {budget}");
+        assert!(drawn[there..NEAR].iter().all(|triangles| *triangles == 0), "{drawn:?} of {budget}");
+        assert_eq!(drawn[NEAR], base, "it is as coarse as it may be");
+        assert_eq!(refinement.triangle_count(), drawn[..NEAR].iter().sum::<u32>());
+        assert!(refinement.triangle_count() <= budget);
+        for ((object, cut), count) in objects.iter().zip(refinement.cuts()).zip(&drawn) {
+            assert_eq!(cut.triangles(object.hierarchy).count(), *count as usize);
+            assert_eq!(cut.placed_triangles(object.hierarchy).count(), *count as usize);
+        }
+    }
 }
 
 /// What lies below the plane y = 0 is hidden: triangles go above it.

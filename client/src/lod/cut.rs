@@ -16,7 +16,7 @@ pub(super) struct Slot {
     needed: u32,
 }
 
-/// An active cut of one hierarchy: a set of splits, each with all that it needs. Starts as the base.
+/// An active cut of one hierarchy: a set of splits, each with all that it needs; or nothing at all. Starts as the base.
 #[derive(Clone, Debug)]
 pub struct Cut {
     /// For each vertex its place in `slots`.
@@ -25,6 +25,7 @@ pub struct Cut {
     base_triangles: Vec<u64>,
     base_count: u32,
     triangle_count: u32,
+    is_nothing: bool,
     /// What is split or taken back next.
     changes: Vec<VertexId>,
 }
@@ -37,6 +38,7 @@ impl Default for Cut {
             base_triangles: Vec::new(),
             base_count: 0,
             triangle_count: 0,
+            is_nothing: true,
             changes: Vec::new(),
         }
     }
@@ -53,7 +55,8 @@ impl Cut {
     /// Takes all splits back. Another hierarchy may be given; memory is taken only where it is larger.
     pub fn reset(&mut self, hierarchy: &VertexHierarchy) {
         let count = hierarchy.base_count();
-        self.slots.drain(..).for_each(|slot| *self.places.get_mut(slot.vertex.index()) = NONE);
+        self.vanish();
+        self.is_nothing = false;
         self.grow(hierarchy);
         self.base_count = count;
         let base = &hierarchy.base().triangles;
@@ -61,6 +64,12 @@ impl Cut {
         self.base_triangles.resize(base.len().div_ceil(64), u64::MAX);
         self.triangle_count = base.len() as u32;
         (0..count).for_each(|v| self.put(VertexId(v)));
+    }
+
+    /// Takes all of it away: the base, too.
+    pub fn vanish(&mut self) {
+        self.slots.drain(..).for_each(|slot| *self.places.get_mut(slot.vertex.index()) = NONE);
+        (self.base_count, self.triangle_count, self.is_nothing) = (0, 0, true);
     }
 
     /// Makes room for blocks that came since.
@@ -174,6 +183,9 @@ impl Cut {
 
     /// Makes all splits of a set that has whatever any of it needs, and takes back all others. `leads` are the set, in any order.
     pub fn follow(&mut self, hierarchy: &VertexHierarchy, leads: &[VertexId], is_chosen: impl Fn(VertexId) -> bool) {
+        if self.is_nothing {
+            self.reset(hierarchy);
+        }
         let mut changes = std::mem::take(&mut self.changes);
         let is_lead = |v: VertexId| !hierarchy.is_base(v) && !hierarchy.is_follower(v);
         changes.clear();
@@ -235,7 +247,7 @@ impl Cut {
     }
 
     fn base_triangles<'a>(&'a self, hierarchy: &'a VertexHierarchy) -> impl Iterator<Item = [VertexId; 3]> + 'a {
-        let base = hierarchy.base().triangles.iter().enumerate();
+        let base = hierarchy.base().triangles.iter().take(if self.is_nothing { 0 } else { usize::MAX }).enumerate();
         base.filter(|(at, _)| self.base_triangles[at / 64] >> (at % 64) & 1 != 0).map(|(_, t)| t.map(VertexId))
     }
 }

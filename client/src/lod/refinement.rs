@@ -13,7 +13,7 @@ use super::{LodObject, LodSight, NodeSight};
 /// How far refinement goes, and when its occluder is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LodOptions {
-    /// Most triangles of all objects together. Where the bases alone have more, they are drawn and nothing else.
+    /// Most triangles of all objects in sight together. Where their bases alone have more, the smallest objects are left out.
     pub budget: u32,
     /// Nodes that are wrong by fewer pixels are not split. 0: until the budget is used.
     pub least_pixels: f32,
@@ -86,6 +86,8 @@ pub struct Refinement {
     occluders: [Vec<Cut>; MAX_OCCLUDERS],
     chosen: Vec<Chosen>,
     sights: Vec<LocalSight>,
+    /// Objects in sight by their pixels, where not all of their bases are within the budget.
+    by_size: Vec<(f32, u32)>,
     queue: BinaryHeap<Node>,
     /// Nodes that are behind the occluder.
     hidden: Vec<Node>,
@@ -98,9 +100,22 @@ pub struct Refinement {
     question_count: u32,
 }
 
+/// How an object is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Standing {
+    /// As its base, which counts for nothing: it is out of sight.
+    #[default]
+    Beyond,
+    /// By its cut.
+    InSight,
+    /// Not at all: there are no triangles left for its base.
+    LeftOut,
+}
+
 /// The leads of one object that are to be split.
 #[derive(Debug, Default)]
 struct Chosen {
+    standing: Standing,
     /// By lead.
     known: Sparse<Known>,
     search: u32,
@@ -157,7 +172,10 @@ impl Chosen {
     }
 
     fn follow(&self, hierarchy: &VertexHierarchy, cut: &mut Cut) {
-        cut.follow(hierarchy, &self.leads, |lead| self.has(lead));
+        match self.standing {
+            Standing::LeftOut => cut.vanish(),
+            Standing::Beyond | Standing::InSight => cut.follow(hierarchy, &self.leads, |lead| self.has(lead)),
+        }
     }
 }
 
@@ -177,7 +195,7 @@ impl Refinement {
         options: &LodOptions,
         mut occluder: Option<(&mut (dyn Occluder + '_), OccluderFrom)>,
     ) {
-        self.begin(objects, sight);
+        self.begin(objects, sight, options.budget);
         let keeps = occluder.as_ref().is_some_and(|(_, from)| *from == OccluderFrom::EarlierFrame);
         let mut drawn = if keeps { MAX_OCCLUDERS } else { 0 };
         let mut misfits = 0;
@@ -239,7 +257,7 @@ impl Refinement {
         }
     }
 
-    fn begin(&mut self, objects: &[LodObject<'_>], sight: &LodSight<'_>) {
+    fn begin(&mut self, objects: &[LodObject<'_>], sight: &LodSight<'_>, budget: u32) {
         self.queue.clear();
         self.hidden.clear();
         (self.triangle_count, self.steps, self.question_count) = (0, 0, 0);
@@ -249,20 +267,47 @@ impl Refinement {
         // Those of occluders only once there are some.
         let occluders = self.occluders.iter_mut().filter(|cuts| !cuts.is_empty());
         for cuts in std::iter::once(&mut self.cuts).chain(occluders) {
-            let known = cuts.len();
             cuts.resize_with(objects.len(), Cut::default);
-            for (number, (cut, object)) in cuts.iter_mut().zip(objects).enumerate() {
-                if number >= known { cut.reset(object.hierarchy) } else { cut.grow(object.hierarchy) }
-            }
+            cuts.iter_mut().zip(objects).for_each(|(cut, object)| cut.grow(object.hierarchy));
         }
+        self.choose_bases(objects, budget);
         for (number, object) in objects.iter().enumerate() {
             let hierarchy = object.hierarchy;
             self.chosen[number].begin(hierarchy.vertex_count() as usize);
-            self.triangle_count = self.triangle_count.saturating_add(hierarchy.base().triangles.len() as u32);
+            if self.chosen[number].standing != Standing::InSight {
+                continue;
+            }
             let children = (0..hierarchy.base_count()).map(VertexId).filter_map(|v| Some((v, hierarchy.first_child(v)?)));
             for (parent, lead) in children {
                 let object = number as u32;
                 self.offer(hierarchy, Node { pixels: f32::INFINITY, object, lead, parent, is_seen: false, is_followed: false });
+            }
+        }
+    }
+
+    /// How each object stands. Where the bases in sight are more than the budget, the largest objects are drawn.
+    fn choose_bases(&mut self, objects: &[LodObject<'_>], budget: u32) {
+        let base = |object: usize| objects[object].hierarchy.base().triangles.len() as u32;
+        self.by_size.clear();
+        for (number, (object, chosen)) in objects.iter().zip(&mut self.chosen).enumerate() {
+            let pixels = self.sights[number].of_box(&object.hierarchy.local_aabb());
+            chosen.standing = if pixels.is_some() { Standing::InSight } else { Standing::Beyond };
+            if let Some(pixels) = pixels {
+                self.triangle_count = self.triangle_count.saturating_add(base(number));
+                self.by_size.push((pixels, number as u32));
+            }
+        }
+        if self.triangle_count <= budget {
+            return;
+        }
+        self.triangle_count = 0;
+        self.by_size.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        for (_, number) in &self.by_size {
+            let (number, added) = (*number as usize, base(*number as usize));
+            if added <= budget - self.triangle_count {
+                self.triangle_count += added;
+            } else {
+                self.chosen[number].standing = Standing::LeftOut;
             }
         }
     }
@@ -351,9 +396,14 @@ impl Refinement {
         self.chosen.clear();
     }
 
-    /// Triangles of all objects.
+    /// Triangles of all objects in sight.
     pub fn triangle_count(&self) -> u32 {
         self.triangle_count
+    }
+
+    /// Whether anything of an object may be in sight.
+    pub fn is_in_sight(&self, object: usize) -> bool {
+        self.chosen.get(object).is_some_and(|chosen| chosen.standing != Standing::Beyond)
     }
 
     /// Splits beyond the bases.
@@ -371,7 +421,7 @@ impl Refinement {
         self.hidden.len() as f32 / self.question_count.max(1) as f32
     }
 
-    /// The cut of each object.
+    /// The cut of each object. That of one that is out of sight is its base.
     pub fn cuts(&self) -> &[Cut] {
         &self.cuts
     }

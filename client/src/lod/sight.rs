@@ -1,7 +1,7 @@
 //! Where an eye sees a node, and how wrong it is there.
 
 use glam::{DVec3, Vec3};
-use mullion_common::geometry::{Plane, axis_lengths};
+use mullion_common::geometry::{Aabb, Plane, axis_lengths};
 use mullion_common::scene::PackedBounds;
 
 use super::LodObject;
@@ -30,6 +30,8 @@ pub enum NodeSight {
     Pixels(f32),
 }
 
+/// Of what is measured: so much may be lost by rounding.
+const SLACK: f32 = 1e-5;
 /// Most planes of a sight.
 const MAX_PLANES: usize = 8;
 
@@ -74,10 +76,22 @@ impl LocalSight {
         local
     }
 
+    /// How many pixels a box may be long, at most; `None` if it is outside. Conservative.
+    pub fn of_box(&self, local: &Aabb) -> Option<f32> {
+        let (center, half) = (local.center().as_vec3(), (local.size() * 0.5).as_vec3());
+        let size = center.abs().element_sum() + half.element_sum();
+        for (normal, offset) in &self.planes[..self.plane_count] {
+            if normal.dot(center) + offset < -(normal.abs().dot(half) + (size + offset.abs()) * SLACK) {
+                return None;
+            }
+        }
+        let radius = half.length();
+        Some(2.0 * radius * self.pixels / ((center - self.eye).length() - radius).max(self.near))
+    }
+
     /// What the eye sees of a node, that is stored with its centre. Conservative but for its pixels, which are as good as the node's error.
     #[inline]
     pub fn of(&self, (center, bounds): (Vec3, &PackedBounds)) -> NodeSight {
-        const SLACK: f32 = 1e-5;
         let radius = bounds.radius();
         let size = center.abs().element_sum() + radius;
         for (normal, offset) in &self.planes[..self.plane_count] {

@@ -71,6 +71,11 @@ impl Way {
         start.elapsed()
     }
 
+    /// Of all objects, those that are drawn.
+    fn ids(&self, all: &[ObjectId]) -> Vec<ObjectId> {
+        all.iter().enumerate().filter(|(at, _)| self.refinement.is_in_sight(*at)).map(|(_, object)| *object).collect()
+    }
+
     fn seen(&self, subject: &Subject, look: &Look, size_px: [u32; 2]) -> Seen {
         Seen::new(look, subject.cut_scene(look, self.refinement.cuts()), size_px)
     }
@@ -102,7 +107,8 @@ impl<'a> Drawing<'a> {
     fn draw(&mut self, look: &Look, way: &Way, ids: &[ObjectId]) -> Result<Duration> {
         let start = Instant::now();
         self.renderer.set_cuts(self.subject.cut_objects(way.refinement.cuts()))?;
-        let hints = Hints { cuts: ids, ..Hints::default() };
+        let ids = way.ids(ids);
+        let hints = Hints { cuts: &ids, ..Hints::default() };
         let view = (VIEW, look.projection, &self.others);
         drawn::draw_with(&mut self.renderer, &mut self.planner, &self.subject.package, view, hints)?;
         self.renderer.wait()?;
