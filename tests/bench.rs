@@ -253,24 +253,7 @@ fn ways_to_cull_what_is_hidden_are_held_against_frustum_culling() {
 
 #[test]
 fn level_of_detail_is_measured_without_occlusion_and_with() {
-    let out = done(&[
-        "bench",
-        "lod",
-        "--scene",
-        "organic",
-        "--triangles",
-        "2000",
-        "--size",
-        "128",
-        "--frames",
-        "2",
-        "--bounds",
-        "link,cylinder",
-        "--no-gpu",
-        "--json",
-        "-",
-    ]);
-    let report: Value = serde_json::from_str(&out).expect("JSON and nothing else");
+    let report = level_of_detail("organic", &["--triangles", "2000", "--size", "128", "--frames", "2", "--bounds", "link,cylinder"]);
     let table = &report["tables"][0];
     assert_eq!((table["triangles"].as_u64(), table["budget"].as_u64()), (Some(345_944), Some(2000)));
     let ways = table["ways"].as_array().expect("ways");
@@ -285,4 +268,22 @@ fn level_of_detail_is_measured_without_occlusion_and_with() {
     }
     assert!(first(1, "visible") > first(0, "visible") && first(2, "visible") > first(0, "visible"), "it hides itself");
     assert!(table["fine"]["error"]["p99_px"].as_f64().is_some_and(|px| px < 1.5), "{}", table["fine"]);
+}
+
+/// Refined until surfaces are wrong by a pixel at most, pictures are off by little more, whatever the model.
+#[test]
+fn pictures_are_as_good_as_the_pixels_that_are_asked_for() {
+    let files = ["cad_2cylinder_engine.glb", "bim_clinic.glb", "city_linz_centre.glb", "scan_armadillo_86k.glb"];
+    let scenes = support::models(&files).into_iter().map(|path| path.display().to_string()).chain(["hills".to_owned()]);
+    for scene in scenes {
+        let report = level_of_detail(&scene, &["--frames", "1", "--bounds", "link", "--size", "1024"]);
+        let fine = &report["tables"][0]["fine"];
+        assert!(fine["triangles"].as_u64().is_some_and(|triangles| triangles > 500), "{scene}: {fine}");
+        assert!(fine["error"]["p99_px"].as_f64().is_some_and(|px| px <= 1.5), "{scene}: {fine}");
+    }
+}
+
+fn level_of_detail(scene: &str, options: &[&str]) -> Value {
+    let out = done(&[&["bench", "lod", "--scene", scene, "--no-gpu", "--json", "-"], options].concat());
+    serde_json::from_str(&out).expect("JSON and nothing else")
 }

@@ -124,7 +124,7 @@ fn all_tiles_show_one_surface() {
     for frame in 0..12 {
         // Nodes skip frames. The last one comes where the others draw their occluders anew, and another misses one frame of them all.
         let number = frame * 3;
-        if number == 24 {
+        if number == 18 {
             apart[3] = Some(Node::new(&gpu, &package, &of_tiled[3..], usize::MAX));
         }
         let triangles = [Some(1200), Some(2500), None][frame as usize % 3];

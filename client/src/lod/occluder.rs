@@ -1,7 +1,7 @@
 //! The occluder as depths in a small picture (section 3.1), drawn on the CPU: a question is answered at once, and every node of a wall gets
 //! the same answer.
 
-use glam::{Mat4, Vec2, Vec3, Vec3Swizzles, Vec4, Vec4Swizzles};
+use glam::{Mat4, Vec3, Vec3Swizzles, Vec4, Vec4Swizzles};
 use mullion_common::scene::{NodeBounds, VertexHierarchy, VertexId};
 use mullion_common::wall::Projection;
 
@@ -16,8 +16,8 @@ pub enum BoundsKind {
     Box,
     /// Along the normal: the paper's best.
     Cylinder,
-    /// The vertices around the split, and as far around them as the surface may be wrong. Nothing that the node becomes later: of that, each
-    /// split is asked about for itself.
+    /// The vertices around the split and its own: the triangles that it takes and puts are between them. Nothing that the node becomes later: of
+    /// that, each split is asked about for itself.
     #[default]
     Link,
 }
@@ -118,26 +118,17 @@ impl DepthOccluder {
     /// Where what is asked about a node lies in the picture; `None` if it reaches behind the eye.
     fn spread(&self, clip_from_local: &Mat4, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<Spread> {
         match self.kind {
-            BoundsKind::Link => self.link_spread(clip_from_local, hierarchy, lead),
+            BoundsKind::Link => link_spread(clip_from_local, hierarchy, lead),
             kind => bounds_spread(kind, clip_from_local, &hierarchy.bounds(lead)),
         }
     }
+}
 
-    fn link_spread(&self, clip_from_local: &Mat4, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<Spread> {
-        let around = hierarchy.together(lead).flat_map(|vertex| hierarchy.link(vertex).path()).map(|v| VertexId(*v));
-        let corners = around.chain([lead]).map(|vertex| *clip_from_local * hierarchy.position(vertex).extend(1.0));
-        let spread = Spread::of(corners)?;
-        let error = hierarchy.error(lead);
-        let rows = [0, 1, 3].map(|row| clip_from_local.row(row).xyz().length() * error);
-        // As near as the nearest of them, and nearer by the error.
-        let nearest = spread.high.z.recip() - rows[2];
-        (nearest > 0.0).then(|| {
-            // What is nearer is further from the middle, too.
-            let furthest = spread.low.xy().abs().max(spread.high.xy().abs());
-            let wider = (Vec2::new(rows[0], rows[1]) + furthest * rows[2]) / nearest;
-            Spread { low: (spread.low.xy() - wider).extend(0.0), high: (spread.high.xy() + wider).extend(nearest.recip()) }
-        })
-    }
+/// Where all that a split changes lies in the picture: between the vertices around it and its own.
+fn link_spread(clip_from_local: &Mat4, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<Spread> {
+    let around = hierarchy.together(lead).flat_map(|vertex| hierarchy.link(vertex).path()).map(|v| VertexId(*v));
+    let corner = |vertex: VertexId| *clip_from_local * hierarchy.position(vertex).extend(1.0);
+    Spread::of(hierarchy.together(lead).chain(around).map(corner))
 }
 
 /// Where a node's bounds lie in the picture; `None` if they reach behind the eye.

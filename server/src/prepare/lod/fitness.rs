@@ -15,6 +15,8 @@ const MAX_VALENCE: usize = 24;
 const MAX_ASKED: usize = 64;
 /// Least cosine between a triangle and the one that it stands for.
 const LEAST_TURN: f32 = 0.25;
+/// Between the normals of two triangles: an edge with less is sharp.
+const SHARP: f32 = 0.9;
 /// Least height of a triangle, as a share of its longest side: twice the area over the side squared. One that stands for a lower one may be half
 /// as high as that was.
 const LEAST_HEIGHT: f32 = 0.02;
@@ -131,28 +133,48 @@ impl<'a> Fitness<'a> {
         distinct == if matches!(star, Star::Seam(..)) { named - 2 } else { named }
     }
 
-    /// Whether the star may go there, and how far its vertex then is from the surface.
+    /// Whether the star may go there, and how far the surface then is from what it was, at the vertex and in the middle of its sharp edges.
     pub fn deviation(&mut self, surface: &Surface, star: &Star, target: &Target) -> Option<f32> {
         if !self.mark_around(star) || !self.keeps_topology(surface, star, target) {
             return None;
         }
-        let mut deviation = f32::INFINITY;
         for ((vertex, fan), onto) in star.sides().zip(target.onto) {
-            let (from, to) = (self.position(vertex), self.position(onto));
-            let mut has_floor = false;
-            for (a, b) in fan.edges().filter(|(a, b)| *a != onto && *b != onto) {
-                if !self.keeps_facing(vertex, onto, a, b) {
-                    return None;
-                }
-                has_floor = true;
-                deviation = deviation.min(distance_to_triangle(from, to, self.position(a), self.position(b)));
+            if floor(fan, onto).any(|(a, b)| !self.keeps_facing(vertex, onto, a, b)) {
+                return None;
             }
-            if !has_floor {
-                let other = fan.path().iter().find(|v| **v != onto).copied().unwrap_or(onto);
-                deviation = deviation.min(distance_to_segment(from, to, self.position(other)));
+        }
+        let place = self.position(star.sides().next().map_or(0, |side| side.0));
+        let mut deviation = self.distance_to_floor(star, target, place);
+        for ((vertex, fan), onto) in star.sides().zip(target.onto) {
+            let from = self.position(vertex);
+            let normal = |(a, b): (u32, u32)| (self.position(a) - from).cross(self.position(b) - from).normalize_or_zero();
+            // Where a fan is open, its ends are as sharp as can be.
+            let mut before = fan.edges().last().filter(|_| fan.is_ring()).map_or(Vec3::ZERO, normal);
+            let end = fan.path().last().filter(|_| !fan.is_ring()).map(|end| (*end, Vec3::ZERO));
+            for (around, after) in fan.edges().map(|edge| (edge.0, normal(edge))).chain(end) {
+                if around != onto && before.dot(after) < SHARP {
+                    deviation = deviation.max(self.distance_to_floor(star, target, (from + self.position(around)) * 0.5));
+                }
+                before = after;
             }
         }
         Some(deviation)
+    }
+
+    /// How far a point is from what stands for the star once it is there.
+    fn distance_to_floor(&self, star: &Star, target: &Target, p: Vec3) -> f32 {
+        let mut least = f32::INFINITY;
+        for ((_, fan), onto) in star.sides().zip(target.onto) {
+            let to = self.position(onto);
+            for (a, b) in floor(fan, onto) {
+                least = least.min(distance_to_triangle(p, to, self.position(a), self.position(b)));
+            }
+            if floor(fan, onto).next().is_none() {
+                let other = fan.path().iter().find(|v| **v != onto).copied().unwrap_or(onto);
+                least = least.min(distance_to_segment(p, to, self.position(other)));
+            }
+        }
+        least
     }
 
     /// The link condition, by the marks of the star; and no fan becomes too large or is all gone.
@@ -198,8 +220,7 @@ impl<'a> Fitness<'a> {
                 others += 1;
                 has_other_edge |= Some(a) == third || Some(b) == third;
             }
-            let floor = fan.edges().filter(|(a, b)| *a != onto && *b != onto).count();
-            if others + floor > MAX_VALENCE {
+            if others + floor(fan, onto).count() > MAX_VALENCE {
                 return false;
             }
             // A single triangle goes without another in its place: its two other vertices need some of their own.
@@ -237,6 +258,11 @@ impl<'a> Fitness<'a> {
             normal == Vec3::ZERO || normal.dot(after) > 0.0
         })
     }
+}
+
+/// The edges that make triangles with the vertex that a fan goes onto.
+fn floor(fan: &Fan, onto: u32) -> impl Iterator<Item = (u32, u32)> {
+    fan.edges().filter(move |(a, b)| *a != onto && *b != onto)
 }
 
 fn distance_to_segment(p: Vec3, a: Vec3, b: Vec3) -> f32 {

@@ -336,8 +336,8 @@ fn components_stay() {
 /// Nothing of it can go, and nothing takes long.
 #[test]
 fn many_components_are_all_kept() {
-    const COUNT: u32 = 100_000;
-    let corner = |k: u32| Vec3::new((k % 3) as f32 * 0.1, (k / 3 % 300) as f32, (k / 900) as f32 + (k % 2) as f32 * 0.1);
+    const COUNT: u32 = 1_000_000;
+    let corner = |k: u32| Vec3::new((k % 3) as f32 * 0.1, (k / 3 % 900) as f32, (k / 2700) as f32 + (k % 2) as f32 * 0.1);
     let positions: Vec<Vec3> = (0..3 * COUNT).map(corner).collect();
     let triangles: Vec<[u32; 3]> = (0..COUNT).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
     let hierarchy = hierarchy_of(&positions, &triangles);
