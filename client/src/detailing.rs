@@ -198,6 +198,7 @@ impl Detailing {
                     world_from_local: transforms[part.object.0 as usize].affine(),
                     is_double_sided: part.is_double_sided,
                     is_solid: part.is_solid,
+                    weight: 1.0,
                 })
             })
             .collect();

@@ -95,6 +95,7 @@ impl Subject {
             world_from_local: transforms[part.object.0 as usize].affine(),
             is_double_sided: part.is_double_sided,
             is_solid: part.is_solid,
+            weight: 1.0,
         };
         self.parts.iter().map(object).collect()
     }

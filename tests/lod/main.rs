@@ -106,7 +106,7 @@ fn looking(eye: DVec3) -> LodSight<'static> {
 }
 
 fn seen_from_all_sides(hierarchy: &VertexHierarchy) -> LodObject<'_> {
-    LodObject { hierarchy, world_from_local: DAffine3::IDENTITY, is_double_sided: true, is_solid: true }
+    LodObject { hierarchy, world_from_local: DAffine3::IDENTITY, is_double_sided: true, is_solid: true, weight: 1.0 }
 }
 
 /// Answers by a rule, and counts how often it was drawn.
@@ -149,6 +149,7 @@ fn random_answers_give_surfaces_within_the_budget() {
                 world_from_local: DAffine3::IDENTITY,
                 is_double_sided: random.chance(0.3),
                 is_solid: true,
+                weight: 1.0,
             }];
             let budget = hierarchy.base().triangles.len() as u32 + random.below(hierarchy.triangle_count() as usize) as u32;
             let least_pixels = random.range(0.0, 4.0);
@@ -210,6 +211,27 @@ fn a_budget_is_used_and_never_exceeded() {
     (base as u32..all + 300).step_by(97).for_each(&mut check);
     // A smaller one than the last.
     check(base as u32 + 100);
+}
+
+/// An object that is seen less gets less of a budget; with triangles enough for all, all are as good as they should be.
+#[test]
+fn a_budget_goes_where_more_is_seen() {
+    let mesh = meshes::torus(60, 40);
+    let place = |x: f64| DAffine3::from_translation(DVec3::new(x, 0.0, -12.0));
+    let objects = [(-3.0, 1.0), (3.0, 0.25)].map(|(x, weight)| {
+        let object = seen_from_all_sides(&mesh.hierarchy);
+        LodObject { world_from_local: place(x), weight, ..object }
+    });
+    let sight = looking(DVec3::ZERO);
+    let mut refinement = Refinement::new();
+    let mut drawn = |options: &LodOptions| {
+        refinement.refine(&objects, &sight, options, None);
+        [0, 1].map(|at: usize| refinement.cuts()[at].triangle_count())
+    };
+    let [more, less] = drawn(&LodOptions { budget: 2500, ..LodOptions::default() });
+    assert!(less * 2 < more && more + less > 2475, "{more}, {less}");
+    let [a, b] = drawn(&LodOptions { budget: u32::MAX, least_pixels: 4.0, ..LodOptions::default() });
+    assert!(a < mesh.hierarchy.triangle_count() && a.abs_diff(b) * 20 < a, "{a}, {b}");
 }
 
 /// With more bases than a budget has triangles for, what is small is left out, and nothing is counted for what is out of sight.

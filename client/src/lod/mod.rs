@@ -36,4 +36,6 @@ pub struct LodObject<'a> {
     pub is_double_sided: bool,
     /// Whether what is behind it is hidden: it has no holes that its triangles do not tell of.
     pub is_solid: bool,
+    /// How much its pixels count beside those of other objects, above 0 and at most 1: the share of it that is seen, as far as that is known.
+    pub weight: f32,
 }

@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 use mullion_common::scene::VertexId;
 
-/// A node: an object's lead, and how many pixels the surface is wrong where it is not split.
+/// A node: an object's lead, and how many pixels the surface is wrong where it is not split, by the object's weight.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
     /// No less than 0.

@@ -86,6 +86,8 @@ pub struct Refinement {
     occluders: [Vec<Cut>; MAX_OCCLUDERS],
     chosen: Vec<Chosen>,
     sights: Vec<LocalSight>,
+    /// A surface that is wrong by fewer is good enough. Above 0.
+    least_pixels: f32,
     /// Objects in sight by their pixels, where not all of their bases are within the budget.
     by_size: Vec<(f32, u32)>,
     queue: BinaryHeap<Node>,
@@ -195,7 +197,7 @@ impl Refinement {
         options: &LodOptions,
         mut occluder: Option<(&mut (dyn Occluder + '_), OccluderFrom)>,
     ) {
-        self.begin(objects, sight, options.budget);
+        self.begin(objects, sight, options);
         let keeps = occluder.as_ref().is_some_and(|(_, from)| *from == OccluderFrom::EarlierFrame);
         let mut drawn = if keeps { MAX_OCCLUDERS } else { 0 };
         let mut misfits = 0;
@@ -207,9 +209,6 @@ impl Refinement {
                 drawn += 1;
             }
             let Some(mut node) = self.queue.pop() else { break };
-            if node.pixels < options.least_pixels || node.pixels <= 0.0 {
-                break;
-            }
             let object = node.object as usize;
             let hierarchy = objects[object].hierarchy;
             if !self.chosen[object].has(node.lead) {
@@ -257,10 +256,11 @@ impl Refinement {
         }
     }
 
-    fn begin(&mut self, objects: &[LodObject<'_>], sight: &LodSight<'_>, budget: u32) {
+    fn begin(&mut self, objects: &[LodObject<'_>], sight: &LodSight<'_>, options: &LodOptions) {
         self.queue.clear();
         self.hidden.clear();
         (self.triangle_count, self.steps, self.question_count) = (0, 0, 0);
+        self.least_pixels = options.least_pixels.max(f32::MIN_POSITIVE);
         self.sights.clear();
         self.sights.extend(objects.iter().map(|object| LocalSight::new(sight, object)));
         self.chosen.resize_with(objects.len(), Chosen::default);
@@ -270,7 +270,7 @@ impl Refinement {
             cuts.resize_with(objects.len(), Cut::default);
             cuts.iter_mut().zip(objects).for_each(|(cut, object)| cut.grow(object.hierarchy));
         }
-        self.choose_bases(objects, budget);
+        self.choose_bases(objects, options.budget);
         for (number, object) in objects.iter().enumerate() {
             let hierarchy = object.hierarchy;
             self.chosen[number].begin(hierarchy.vertex_count() as usize);
@@ -312,13 +312,15 @@ impl Refinement {
         }
     }
 
-    /// Puts a node into the queue, if it is in sight. It is as wrong as its bounds say, and no more than what it comes from.
+    /// Puts a node into the queue, if it is in sight and wrong by pixels enough. It is as wrong as its bounds say, and no more than what it comes
+    /// from.
     #[inline]
     fn offer(&mut self, hierarchy: &VertexHierarchy, node: Node) {
-        if let NodeSight::Pixels(pixels) =
-            self.sights[node.object as usize].of((hierarchy.position(node.parent), hierarchy.packed_bounds(node.lead)))
+        let sight = &self.sights[node.object as usize];
+        if let NodeSight::Pixels(pixels) = sight.of((hierarchy.position(node.parent), hierarchy.packed_bounds(node.lead)))
+            && pixels >= self.least_pixels
         {
-            self.queue.push(Node { pixels: pixels.min(node.pixels), ..node });
+            self.queue.push(Node { pixels: (pixels * sight.weight).min(node.pixels), ..node });
         }
     }
 

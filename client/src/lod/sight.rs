@@ -46,6 +46,8 @@ pub(super) struct LocalSight {
     pixels: f32,
     near: f32,
     is_double_sided: bool,
+    /// The object's.
+    pub weight: f32,
 }
 
 impl LocalSight {
@@ -63,6 +65,7 @@ impl LocalSight {
             pixels: sight.pixels_per_radian * stretch,
             near: if shortest > 0.0 { (f64::from(sight.near_m) / longest) as f32 } else { sight.near_m }.max(f32::MIN_POSITIVE),
             is_double_sided: object.is_double_sided,
+            weight: object.weight,
             ..Self::default()
         };
         for plane in sight.planes.iter().take(MAX_PLANES) {
@@ -158,7 +161,7 @@ mod tests {
             let bounds = PackedBounds::new(&extent);
             let plane = Plane { normal: normal.normalize(), offset_m: offset };
             let hierarchy = VertexHierarchy::default();
-            let object = LodObject { hierarchy: &hierarchy, world_from_local, is_double_sided: false, is_solid: true };
+            let object = LodObject { hierarchy: &hierarchy, world_from_local, is_double_sided: false, is_solid: true, weight: 1.0 };
             let planes = [plane];
             let sight = LodSight { eye, planes: &planes, pixels_per_radian: 1000.0, near_m: 0.1 };
             let found = LocalSight::new(&sight, &object).of((Vec3::ZERO, &bounds));
