@@ -166,3 +166,6 @@ impl Levels<'_> {
         self.roots.push(cluster);
     }
 }
+
+#[cfg(test)]
+mod tests;
