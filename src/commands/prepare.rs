@@ -31,7 +31,7 @@ pub struct Options {
     #[arg(long, value_name = "SHARE", requires = "plp", allow_negative_numbers = true)]
     plp_leaf: Option<f64>,
     /// Simplify large meshes, too, so that nodes can draw them as coarsely as their distance allows: a vertex at a time, or a group of clusters.
-    #[arg(long, value_name = "FORM", num_args = 0..=1, default_missing_value = "vertices")]
+    #[arg(long, value_name = "FORM", num_args = 0..=1, require_equals = true, default_missing_value = "vertices")]
     lod: Option<Form>,
 }
 

@@ -160,7 +160,7 @@ pub fn painted_torus(around: u32, section: u32) -> Mesh {
         let width = columns + 1;
         let uv = |k: u32| Vec2::new((k % width + number * columns) as f32 / around as f32, (k / width) as f32 / section as f32);
         let uvs = (0..raw.0.len() as u32).map(uv).collect();
-        SourcePrimitive { material: Some(number as usize), ..primitive(raw, Some(uvs), number) }
+        SourcePrimitive { material: Some(number), ..primitive(raw, Some(uvs), number) }
     };
     mesh("painted torus", vec![half(0), half(1)])
 }
