@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use mullion_client::node::{self, NodeError, NodeOptions, NodeReport, PaintError};
 use mullion_client::tile_session::FrameToDraw;
-use mullion_common::scene::{ObjectId, Package, VertexHierarchy};
+use mullion_common::scene::{Hierarchy, ObjectId, Package, VertexHierarchy};
 use mullion_common::wall::WallConfig;
 use mullion_common::wire::Detail;
 use mullion_server::service::{ServiceError, Show, ShowOptions, run as run_show};
@@ -98,7 +98,7 @@ fn the_detail_outlives_the_master_and_is_for_those_who_come_late_too() {
     let package = Package::read(&std::fs::read(path("palace.glb")).expect("it was written")).expect("a package");
     let table = package.scene.vertex_hierarchies.as_ref().expect("it has hierarchies");
     let hierarchies = (0..table.entries().len()).map(|at| table.decode(at, &package.scene.manifest).expect("a hierarchy"));
-    let vertices: u32 = hierarchies.map(|hierarchy| hierarchy.vertex_count()).sum();
+    let vertices: u32 = hierarchies.filter_map(Hierarchy::into_vertices).map(|hierarchy| hierarchy.vertex_count()).sum();
 
     let mut master = serve(folder.path(), "127.0.0.1:0", &OPTIONS);
     let address = support::address_of(&mut master);

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use mullion_common::scene::Package;
-use mullion_server::prepare::lod::{LodOptions, LodStatistics, add_vertex_hierarchies};
+use mullion_server::prepare::lod::{LodForm, LodOptions, LodStatistics, add_vertex_hierarchies};
 use mullion_server::prepare::plp::{TessellateOptions, TessellationStatistics, tessellate};
 use mullion_server::prepare::{MAX_LEAF_TRIANGLES, PrepareOptions, statistics, write_package};
 
@@ -30,9 +30,16 @@ pub struct Options {
     /// Divide space down to this share of the scene's longest side (with --plp only) [default: 0.05].
     #[arg(long, value_name = "SHARE", requires = "plp", allow_negative_numbers = true)]
     plp_leaf: Option<f64>,
-    /// Simplify large meshes, too, so that nodes can draw them as coarsely as their distance allows.
-    #[arg(long)]
-    lod: bool,
+    /// Simplify large meshes, too, so that nodes can draw them as coarsely as their distance allows: a vertex at a time, or a group of clusters.
+    #[arg(long, value_name = "FORM", num_args = 0..=1, require_equals = true, default_missing_value = "vertices")]
+    lod: Option<Form>,
+}
+
+/// Of what hierarchies are made.
+#[derive(clap::ValueEnum, Clone, Copy)]
+enum Form {
+    Vertices,
+    Clusters,
 }
 
 /// Choices of preparation, shared by all commands that take a scene.
@@ -68,7 +75,7 @@ pub fn run(options: &Options) -> Result<()> {
         let leaf_share = options.plp_leaf.unwrap_or(TessellateOptions::default().leaf_share);
         add_tessellation(&mut package, &TessellateOptions { leaf_share })?;
     }
-    let simplified = if options.lod { Some(add_hierarchies(&mut package)?) } else { None };
+    let simplified = options.lod.map(|form| add_hierarchies(&mut package, form)).transpose()?;
     write_package(&package, &options.out)?;
     let s = statistics(&package);
     say!(
@@ -91,8 +98,12 @@ pub fn run(options: &Options) -> Result<()> {
         );
     }
     if let Some((s, seconds)) = simplified {
+        let (form, made_of) = match options.lod {
+            Some(Form::Clusters) => ("cluster", format!("{} groups of {} clusters, ", s.groups, s.clusters)),
+            _ => ("vertex", String::new()),
+        };
         say!(
-            "vertex hierarchies: {} of {} vertices, {} to {} triangles, {:.1} bytes a vertex, {seconds:.2} s",
+            "{form} hierarchies: {} of {} vertices, {made_of}{} to {} triangles, {:.1} bytes a vertex, {seconds:.2} s",
             s.hierarchies,
             s.vertices,
             s.base_triangles,
@@ -104,11 +115,15 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 /// Puts hierarchies into a package; also gives the seconds that it took.
-fn add_hierarchies(package: &mut Package) -> Result<(LodStatistics, f64)> {
+fn add_hierarchies(package: &mut Package, form: Form) -> Result<(LodStatistics, f64)> {
     let start = Instant::now();
     let progress = Progress::new();
     let report = |stage, done, total| progress.show(stage, done, total);
-    let statistics = add_vertex_hierarchies(package, &LodOptions::default(), &report);
+    let form = match form {
+        Form::Vertices => LodForm::Vertices,
+        Form::Clusters => LodForm::Clusters,
+    };
+    let statistics = add_vertex_hierarchies(package, &LodOptions { form, ..LodOptions::default() }, &report);
     progress.finish();
     Ok((statistics.context("--lod")?, start.elapsed().as_secs_f64()))
 }

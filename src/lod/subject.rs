@@ -41,9 +41,11 @@ impl Subject {
     pub fn new(mut package: Package, copies: u32, step: DVec3) -> Result<Self> {
         let table =
             package.scene.hierarchies().cloned().context("no object of the scene has triangles enough to be simplified")?;
-        let hierarchies: Result<Vec<VertexHierarchy>, _> =
-            (0..table.entries().len()).map(|number| table.decode(number, &package.scene.manifest)).collect();
-        let hierarchies = hierarchies.context("a vertex hierarchy")?;
+        let vertices = |number| {
+            let decoded = table.decode(number, &package.scene.manifest).context("a vertex hierarchy")?;
+            decoded.into_vertices().context("the package has cluster hierarchies, where these of vertices are drawn")
+        };
+        let hierarchies = (0..table.entries().len()).map(vertices).collect::<Result<Vec<VertexHierarchy>>>()?;
         let manifest = &mut package.scene.manifest;
         let (objects, leaves) = (manifest.transforms.clone(), manifest.leaves.clone());
         for copy in 1..copies {

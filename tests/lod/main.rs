@@ -2,6 +2,7 @@
 //! of several kinds take the path of files into a package; from there thousands of cuts, by random splits and by refinement with random
 //! answers, are each held against a dull test of surfaces.
 
+mod clusters;
 mod meshes;
 mod surface;
 

@@ -1,9 +1,9 @@
 //! Meshes that take the whole way: a file's scene, a package with leaves of few triangles, its bytes, a hierarchy.
 
 use glam::{DAffine3, Vec2, Vec3};
-use mullion_common::scene::{Package, VertexHierarchy};
-use mullion_server::prepare::gltf::{SourceMesh, SourceNode, SourcePrimitive, SourceScene};
-use mullion_server::prepare::lod::{LodOptions, add_vertex_hierarchies};
+use mullion_common::scene::{ClusterHierarchy, Hierarchy, Package, VertexHierarchy};
+use mullion_server::prepare::gltf::{SourceAlpha, SourceMaterial, SourceMesh, SourceNode, SourcePrimitive, SourceScene};
+use mullion_server::prepare::lod::{LodForm, LodOptions, add_vertex_hierarchies};
 use mullion_server::prepare::{PrepareOptions, prepare};
 
 /// A mesh and its hierarchy.
@@ -12,9 +12,13 @@ pub struct Mesh {
     pub positions: Vec<Vec3>,
     pub triangles: Vec<[u32; 3]>,
     pub hierarchy: VertexHierarchy,
+    pub clusters: ClusterHierarchy,
     /// The hierarchy's base and blocks.
     pub blobs: Vec<Vec<u8>>,
 }
+
+const PLAIN: SourceMaterial =
+    SourceMaterial { name: None, base_color: [1.0; 4], texture: None, alpha: SourceAlpha::Opaque, double_sided: false };
 
 type Raw = (Vec<Vec3>, Vec<[u32; 3]>);
 
@@ -42,22 +46,27 @@ fn mesh(name: &'static str, primitives: Vec<SourcePrimitive>) -> Mesh {
         nodes: vec![node],
         roots: vec![0],
         meshes: vec![SourceMesh { name: None, gltf_mesh: 0, primitives }],
-        materials: Vec::new(),
+        materials: vec![PLAIN; 2],
         images: Vec::new(),
         warnings: Vec::new(),
     };
     let options = PrepareOptions { max_leaf_triangles: 60, ..PrepareOptions::default() };
     let mut package = prepare(scene, &options, &|_, _, _| {}).expect("it is a scene").package;
-    let lod = LodOptions { least_triangles: 1, block_vertices: 150 };
-    add_vertex_hierarchies(&mut package, &lod, &|_, _, _| {}).expect("it has a hierarchy");
-    let mut bytes = Vec::new();
-    package.write_to(&mut bytes).expect("memory takes all bytes");
-    let package = Package::read(&bytes).expect("it is one");
-    let table = package.scene.vertex_hierarchies.as_ref().expect("it has some");
-    assert_eq!(table.entries().len(), 1);
-    let hierarchy = table.decode(0, &package.scene.manifest).expect("it is one");
-    let blobs = table.blobs(0).map(<[u8]>::to_vec).collect();
-    Mesh { name, positions, triangles, hierarchy, blobs }
+    let mut packed = |form| -> (Hierarchy, Vec<Vec<u8>>) {
+        let lod = LodOptions { least_triangles: 1, block_vertices: 150, form };
+        add_vertex_hierarchies(&mut package, &lod, &|_, _, _| {}).expect("it has a hierarchy");
+        let mut bytes = Vec::new();
+        package.write_to(&mut bytes).expect("memory takes all bytes");
+        let package = Package::read(&bytes).expect("it is one");
+        let table = package.scene.vertex_hierarchies.as_ref().expect("it has some");
+        assert_eq!(table.entries().len(), 1);
+        let hierarchy = table.decode(0, &package.scene.manifest).expect("it is one");
+        (hierarchy, table.blobs(0).map(<[u8]>::to_vec).collect())
+    };
+    let (hierarchy, blobs) = packed(LodForm::Vertices);
+    let hierarchy = hierarchy.into_vertices().expect("what was asked for");
+    let clusters = packed(LodForm::Clusters).0.into_clusters().expect("what was asked for");
+    Mesh { name, positions, triangles, hierarchy, clusters, blobs }
 }
 
 fn grid(columns: u32, rows: u32, [close_u, close_v]: [bool; 2], at: impl Fn(f32, f32) -> Vec3) -> Raw {
@@ -132,4 +141,26 @@ pub fn seamed_tube(around: u32, along: u32) -> Mesh {
         primitive(raw, Some(uvs), from)
     };
     mesh("seamed tube", vec![half(0), half(around / 2)])
+}
+
+/// Of two materials, a half each, with texture coordinates that start anew once around: closed by position alone.
+pub fn painted_torus(around: u32, section: u32) -> Mesh {
+    let half = |number: u32| {
+        let columns = around / 2;
+        let unwrapped =
+            |u: f32, v: f32| [(u * columns as f32).round() as u32 + number * columns, (v * section as f32).round() as u32];
+        let at = |u: f32, v: f32| {
+            let [u, v] = unwrapped(u, v);
+            let (sin_u, cos_u) = ((u % around) as f32 / around as f32 * std::f32::consts::TAU).sin_cos();
+            let (sin_v, cos_v) = ((v % section) as f32 / section as f32 * std::f32::consts::TAU).sin_cos();
+            let radius = 3.0 + cos_v * (1.0 + 0.3 * sin_u);
+            Vec3::new(radius * cos_u, radius * sin_u, 1.2 * sin_v)
+        };
+        let raw = grid(columns, section, [false; 2], at);
+        let width = columns + 1;
+        let uv = |k: u32| Vec2::new((k % width + number * columns) as f32 / around as f32, (k / width) as f32 / section as f32);
+        let uvs = (0..raw.0.len() as u32).map(uv).collect();
+        SourcePrimitive { material: Some(number), ..primitive(raw, Some(uvs), number) }
+    };
+    mesh("painted torus", vec![half(0), half(1)])
 }

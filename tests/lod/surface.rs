@@ -48,15 +48,28 @@ impl Surface {
         surface
     }
 
+    /// Holds triangles against the mesh: edges are closed but for those along its borders, and no triangle is there twice.
+    pub fn assert_is_whole(&self, triangles: &[[Vec3; 3]], what: &str) {
+        let next = sides(triangles, what);
+        for (a, b) in next.keys().filter(|(a, b)| !next.contains_key(&(*b, *a))) {
+            assert!(self.on_border.contains(a) && self.on_border.contains(b), "{what}: a crack");
+        }
+        let mut seen = HashSet::new();
+        for t in triangles {
+            let mut corners = t.map(place);
+            corners.sort_unstable();
+            assert!(seen.insert(corners), "{what}: a triangle is there twice");
+            assert!(normal(t) != Vec3::ZERO, "{what}: a triangle without area");
+        }
+    }
+
     /// Counts, having found that the triangles are a surface: at most one triangle on either side of an edge, one fan around each vertex.
     fn measured(triangles: &[[Vec3; 3]], what: &str) -> Self {
-        let mut next: HashMap<(Place, Place), Place> = HashMap::new();
+        let next = sides(triangles, what);
         let mut around: HashMap<Place, Vec<(Place, Place)>> = HashMap::new();
         for t in triangles {
             let [a, b, c] = t.map(place);
-            assert!(a != b && b != c && c != a, "{what}: a triangle without area");
             for (a, b, c) in [(a, b, c), (b, c, a), (c, a, b)] {
-                assert!(next.insert((a, b), c).is_none(), "{what}: two triangles on one side of an edge");
                 around.entry(a).or_default().push((b, c));
             }
         }
@@ -108,6 +121,19 @@ impl Surface {
             }
         }
     }
+}
+
+/// For each side of an edge that has a triangle its third corner: one at most.
+fn sides(triangles: &[[Vec3; 3]], what: &str) -> HashMap<(Place, Place), Place> {
+    let mut next = HashMap::new();
+    for t in triangles {
+        let [a, b, c] = t.map(place);
+        assert!(a != b && b != c && c != a, "{what}: a triangle without area");
+        for (a, b, c) in [(a, b, c), (b, c, a), (c, a, b)] {
+            assert!(next.insert((a, b), c).is_none(), "{what}: two triangles on one side of an edge");
+        }
+    }
+    next
 }
 
 fn normal(t: &[Vec3; 3]) -> Vec3 {

@@ -8,6 +8,7 @@
 //! ```
 //! Whatever the occluder says: a closed mesh is drawn closed, and never a triangle above the budget.
 
+mod cluster_cut;
 mod course;
 mod cut;
 mod node;
@@ -16,6 +17,7 @@ mod refinement;
 mod sight;
 mod sparse;
 
+pub use cluster_cut::ClusterCut;
 pub use course::OccluderCourse;
 pub use cut::Cut;
 pub use occluder::{BoundsKind, DepthOccluder};

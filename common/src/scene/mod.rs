@@ -9,18 +9,25 @@
 mod arrays;
 mod chunk;
 mod chunk_data;
+mod cluster_hierarchy;
 mod growth;
 mod hierarchy;
 mod leaf;
+mod lod_hierarchy;
 mod material;
 mod package;
 mod tessellation;
 mod vertex_hierarchy;
 
 pub use chunk::{ChunkError, ChunkHash, GeometryChunk, MAX_CHUNK_BYTES, MAX_CHUNK_VERTICES};
+pub use cluster_hierarchy::{
+    ClusterBase, ClusterBlock, ClusterHierarchy, ClusterId, ClusterParts, ClusterSize, GroupId, GroupRecord, MAX_BLOCK_GROUPS,
+    MAX_CLUSTER_TRIANGLES, MAX_CLUSTER_VERTICES, MAX_CLUSTERS, MAX_GROUP_MEMBERS, MAX_GROUP_RESULTS,
+};
 pub use growth::SceneSize;
 pub use hierarchy::{HierarchyError, NodeId, ObjectHierarchy, OhNode};
 pub use leaf::{ChunkId, LeafRecord, Object, ObjectId, Presence, Transform};
+pub use lod_hierarchy::Hierarchy;
 pub use material::{AlphaMode, Filter, Material, MaterialId, TextureRef, Wrap};
 pub use package::{
     ChunkKind, ChunkRecord, LeafSource, MAX_PACKAGE_BYTES, PACKAGE_VERSION, Package, PackageError, Scene, SceneManifest,

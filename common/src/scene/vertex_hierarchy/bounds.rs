@@ -132,7 +132,7 @@ impl PackedBounds {
         (self.cone != ALL_AROUND).then(|| (self.axis, f32::from(self.cone) / CONE_STEPS))
     }
 
-    pub(super) fn is_finite(&self) -> bool {
+    pub(in crate::scene) fn is_finite(&self) -> bool {
         [self.error, self.radius].into_iter().all(|bytes| widened(bytes).is_finite() && widened(bytes) >= 0.0)
     }
 

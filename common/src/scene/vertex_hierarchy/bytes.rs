@@ -21,7 +21,7 @@ const BLOCK_MAGIC: u32 = u32::from_le_bytes(*b"MLVB");
 const HAS_UVS: u32 = 1;
 const HAS_COLORS: u32 = 2;
 
-/// Why bytes or parts are no hierarchy.
+/// Why bytes or parts are no hierarchy, of vertices or of clusters.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum VertexHierarchyError {
@@ -37,6 +37,10 @@ pub enum VertexHierarchyError {
     BaseTriangle { triangle: u32, problem: &'static str },
     #[error("vertex {vertex}: {problem}")]
     Split { vertex: u32, problem: &'static str },
+    #[error("cluster {cluster}: {problem}")]
+    Cluster { cluster: u32, problem: &'static str },
+    #[error("group {group}: {problem}")]
+    Group { group: u32, problem: &'static str },
     #[error("hierarchy {hierarchy}: {problem}")]
     Entry { hierarchy: u32, problem: &'static str },
 }
@@ -82,23 +86,40 @@ const _: () = assert!(size_of::<BlockHeader>() == 16);
 
 /// What vertices have, as one word and the number of materials tell.
 #[derive(Clone, Copy)]
-struct Layout {
-    attributes: VertexAttributes,
-    has_parts: bool,
+pub(in crate::scene) struct VertexLayout {
+    pub attributes: VertexAttributes,
+    pub has_parts: bool,
 }
 
-impl Layout {
-    fn of(base: &BaseMesh) -> Self {
-        Self { attributes: base.attributes, has_parts: base.materials.len() > 1 }
+impl VertexLayout {
+    /// All that there may be: whatever is empty is not written.
+    pub const ALL: Self = Self { attributes: VertexAttributes { uvs: true, colors: true }, has_parts: true };
+
+    /// As a base names it.
+    pub fn read(attributes: u32, materials: u32) -> Result<Self, VertexHierarchyError> {
+        if attributes > HAS_UVS | HAS_COLORS {
+            return Err(VertexHierarchyError::Header { what: "attributes", value: attributes, allowed: "0 to 3" });
+        }
+        if !(1..=MAX_PARTS).contains(&materials) {
+            return Err(VertexHierarchyError::Header { what: "material count", value: materials, allowed: "1 to 256" });
+        }
+        let attributes = VertexAttributes { uvs: attributes & HAS_UVS != 0, colors: attributes & HAS_COLORS != 0 };
+        Ok(Self { attributes, has_parts: materials > 1 })
+    }
+
+    /// The word that a base names it by.
+    pub fn word(attributes: VertexAttributes) -> u32 {
+        let flag = |present: bool, bit: u32| if present { bit } else { 0 };
+        flag(attributes.uvs, HAS_UVS) | flag(attributes.colors, HAS_COLORS)
     }
 
     /// Bytes of so many vertices. Cannot overflow: a count of 32 bits, 25 bytes each.
-    fn length(self, vertices: u32) -> u64 {
+    pub fn length(self, vertices: u32) -> u64 {
         let array = |present: bool, bytes: u64| if present { u64::from(vertices) * bytes } else { 0 };
         array(true, 12) + array(self.attributes.uvs, 8) + array(self.attributes.colors, 4) + padded(array(self.has_parts, 1))
     }
 
-    fn write(self, vertices: &VertexData, bytes: &mut Vec<u8>) {
+    pub fn write(self, vertices: &VertexData, bytes: &mut Vec<u8>) {
         let arrays: [&[u8]; 4] = [
             bytemuck::cast_slice(&vertices.positions),
             bytemuck::cast_slice(&vertices.uvs),
@@ -108,7 +129,7 @@ impl Layout {
         arrays.into_iter().for_each(|array| put(bytes, array));
     }
 
-    fn take(self, rest: &mut &[u8], vertices: u32) -> VertexData {
+    pub fn take(self, rest: &mut &[u8], vertices: u32) -> VertexData {
         let count = |present: bool| if present { vertices } else { 0 };
         VertexData {
             positions: take(rest, vertices),
@@ -122,10 +143,9 @@ impl Layout {
 impl BaseMesh {
     /// Its bytes. The same base gives the same bytes.
     pub fn encode(&self) -> Vec<u8> {
-        let flag = |present: bool, bit: u32| if present { bit } else { 0 };
         let header = BaseHeader {
             magic: BASE_MAGIC,
-            attributes: flag(self.attributes.uvs, HAS_UVS) | flag(self.attributes.colors, HAS_COLORS),
+            attributes: VertexLayout::word(self.attributes),
             vertex_total: self.vertex_total,
             triangle_total: self.triangle_total,
             blocks: self.block_count,
@@ -136,7 +156,7 @@ impl BaseMesh {
             local_max: self.local_max,
         };
         let mut bytes = bytemuck::bytes_of(&header).to_vec();
-        Layout::of(self).write(&self.vertices, &mut bytes);
+        VertexLayout::ALL.write(&self.vertices, &mut bytes);
         put(&mut bytes, bytemuck::cast_slice(&self.triangles));
         put(&mut bytes, bytemuck::cast_slice(&self.materials));
         bytes
@@ -153,9 +173,7 @@ impl BlockParts {
             link_words: self.links.len() as u32,
         };
         let mut bytes = bytemuck::bytes_of(&header).to_vec();
-        // Whatever is empty is not there.
-        let layout = Layout { attributes: VertexAttributes { uvs: true, colors: true }, has_parts: true };
-        layout.write(&self.vertices, &mut bytes);
+        VertexLayout::ALL.write(&self.vertices, &mut bytes);
         put(&mut bytes, bytemuck::cast_slice(&self.splits));
         put(&mut bytes, bytemuck::cast_slice(&self.links));
         bytes
@@ -172,33 +190,22 @@ impl VertexHierarchy {
         if header.magic != BASE_MAGIC {
             return Err(VertexHierarchyError::Header { what: "magic", value: header.magic, allowed: "MLV1" });
         }
-        if header.attributes > HAS_UVS | HAS_COLORS {
-            return Err(VertexHierarchyError::Header { what: "attributes", value: header.attributes, allowed: "0 to 3" });
-        }
-        if !(1..=MAX_PARTS).contains(&header.materials) {
-            return Err(VertexHierarchyError::Header { what: "material count", value: header.materials, allowed: "1 to 256" });
-        }
-        let attributes = VertexAttributes { uvs: header.attributes & HAS_UVS != 0, colors: header.attributes & HAS_COLORS != 0 };
-        let layout = Layout { attributes, has_parts: header.materials > 1 };
+        let layout = VertexLayout::read(header.attributes, header.materials)?;
         let arrays = layout.length(header.vertices) + u64::from(header.triangles) * 12 + u64::from(header.materials) * 4;
         check_length(bytes, size_of::<BaseHeader>() as u64 + arrays)?;
         let base = BaseMesh {
             vertices: layout.take(&mut rest, header.vertices),
             triangles: take(&mut rest, header.triangles),
             materials: take::<MaterialId>(&mut rest, header.materials),
-            attributes,
+            attributes: layout.attributes,
             vertex_total: header.vertex_total,
             triangle_total: header.triangle_total,
             block_count: header.blocks,
             local_min: header.local_min,
             local_max: header.local_max,
         };
-        match base.materials.iter().find(|material| material.0 >= material_count) {
-            Some(MaterialId(value)) => {
-                Err(VertexHierarchyError::Header { what: "material", value: *value, allowed: "materials of the scene" })
-            }
-            None => Self::new(base),
-        }
+        check_materials(&base.materials, material_count)?;
+        Self::new(base)
     }
 
     /// Reads and checks the next block from outside, and puts it behind what is there. Where that fails, nothing changes. Takes no more memory
@@ -215,7 +222,7 @@ impl VertexHierarchy {
             let what = "vertex count of the block";
             return Err(VertexHierarchyError::Header { what, value: header.vertices, allowed: "1 to 65536" });
         }
-        let layout = Layout::of(&self.base);
+        let layout = VertexLayout { attributes: self.base.attributes, has_parts: self.base.materials.len() > 1 };
         let splits = padded(u64::from(header.vertices) * size_of::<Split>() as u64);
         let arrays = layout.length(header.vertices) + splits + u64::from(header.link_words) * 4;
         check_length(bytes, size_of::<BlockHeader>() as u64 + arrays)?;
@@ -228,17 +235,27 @@ impl VertexHierarchy {
     }
 }
 
-fn padded(bytes: u64) -> u64 {
+pub(in crate::scene) fn padded(bytes: u64) -> u64 {
     bytes.next_multiple_of(4)
 }
 
-fn split_header<T: Pod>(bytes: &[u8]) -> Result<(T, &[u8]), VertexHierarchyError> {
+pub(in crate::scene) fn split_header<T: Pod>(bytes: &[u8]) -> Result<(T, &[u8]), VertexHierarchyError> {
     match bytes.split_at_checked(size_of::<T>()) {
         Some((header, rest)) => Ok((bytemuck::pod_read_unaligned(header), rest)),
         None => Err(VertexHierarchyError::Length { found: bytes.len(), expected: size_of::<T>() as u64 }),
     }
 }
 
-fn check_length(bytes: &[u8], expected: u64) -> Result<(), VertexHierarchyError> {
+pub(in crate::scene) fn check_length(bytes: &[u8], expected: u64) -> Result<(), VertexHierarchyError> {
     if bytes.len() as u64 == expected { Ok(()) } else { Err(VertexHierarchyError::Length { found: bytes.len(), expected }) }
+}
+
+/// Whether the scene has these materials.
+pub(in crate::scene) fn check_materials(materials: &[MaterialId], material_count: u32) -> Result<(), VertexHierarchyError> {
+    match materials.iter().find(|material| material.0 >= material_count) {
+        Some(MaterialId(value)) => {
+            Err(VertexHierarchyError::Header { what: "material", value: *value, allowed: "materials of the scene" })
+        }
+        None => Ok(()),
+    }
 }

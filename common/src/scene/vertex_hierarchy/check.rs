@@ -9,7 +9,7 @@ type Error = VertexHierarchyError;
 
 impl VertexData {
     /// Whether every vertex has what all have, and no more.
-    fn check(&self, attributes: VertexAttributes, materials: usize) -> Result<(), Error> {
+    pub(in crate::scene) fn check(&self, attributes: VertexAttributes, materials: usize) -> Result<(), Error> {
         let count = self.positions.len();
         let expected =
             |present: bool, found: usize, what| check_count(what, found as u64, if present { count as u64 } else { 0 });
@@ -25,14 +25,14 @@ impl VertexData {
         }
     }
 
-    fn append(&mut self, mut more: Self) {
+    pub(in crate::scene) fn append(&mut self, mut more: Self) {
         self.positions.append(&mut more.positions);
         self.uvs.append(&mut more.uvs);
         self.colors.append(&mut more.colors);
         self.parts.append(&mut more.parts);
     }
 
-    fn truncate(&mut self, count: usize) {
+    pub(in crate::scene) fn truncate(&mut self, count: usize) {
         self.positions.truncate(count);
         self.uvs.truncate(count);
         self.colors.truncate(count);
@@ -40,11 +40,11 @@ impl VertexData {
     }
 }
 
-fn check_count(what: &'static str, found: u64, expected: u64) -> Result<(), Error> {
+pub(in crate::scene) fn check_count(what: &'static str, found: u64, expected: u64) -> Result<(), Error> {
     if found == expected { Ok(()) } else { Err(Error::Count { what, found, expected }) }
 }
 
-fn check_cap(what: &'static str, value: usize, cap: u32, allowed: &'static str) -> Result<(), Error> {
+pub(in crate::scene) fn check_cap(what: &'static str, value: usize, cap: u32, allowed: &'static str) -> Result<(), Error> {
     if value <= cap as usize { Ok(()) } else { Err(Error::Header { what, value: value as u32, allowed }) }
 }
 

@@ -37,6 +37,8 @@ use crate::geometry::Aabb;
 
 pub use bounds::{NodeAxis, NodeBounds, NodeExtent, PackedBounds};
 pub use bytes::{BlockParts, VertexHierarchyError};
+pub(super) use bytes::{VertexLayout, check_length, check_materials, padded, split_header};
+pub(super) use check::{check_cap, check_count};
 pub use index::{BlobRef, HierarchyIndex, IndexedHierarchy, MAX_HIERARCHY_BLOB_BYTES};
 pub use link::{Link, LinkShape, MAX_LINK};
 pub use table::{HierarchyEntry, HierarchyTable, MAX_HIERARCHIES};
@@ -108,6 +110,13 @@ pub struct VertexData {
     pub colors: Vec<[u8; 4]>,
     /// Places in [`BaseMesh::materials`], or empty where there is only one.
     pub parts: Vec<u8>,
+}
+
+impl VertexData {
+    /// What it takes of memory, bytes.
+    pub fn memory_bytes(&self) -> usize {
+        size_of_val(&self.positions[..]) + size_of_val(&self.uvs[..]) + size_of_val(&self.colors[..]) + self.parts.len()
+    }
 }
 
 /// The coarsest mesh of a hierarchy, and what is known of the whole.
@@ -333,9 +342,7 @@ impl VertexHierarchy {
     pub fn memory_bytes(&self) -> u64 {
         let Self { base, vertices, splits, links, link_starts, base_starts, last_child, next_sibling, finest, .. } = self;
         let words = [links, link_starts, base_starts, last_child, next_sibling, finest].map(|array| size_of_val(&array[..]));
-        let of_vertices = [&base.vertices, vertices].map(|data| {
-            size_of_val(&data.positions[..]) + size_of_val(&data.uvs[..]) + size_of_val(&data.colors[..]) + data.parts.len()
-        });
+        let of_vertices = [&base.vertices, vertices].map(VertexData::memory_bytes);
         let others = size_of_val(&splits[..]) + size_of_val(&base.triangles[..]);
         (words.iter().sum::<usize>() + of_vertices.iter().sum::<usize>() + others) as u64
     }

@@ -8,8 +8,8 @@
 
 use std::ops::Range;
 
-use super::{MAX_HIERARCHY_VERTICES, VertexHierarchy, VertexHierarchyError};
-use crate::scene::{ObjectId, SceneManifest};
+use super::{MAX_HIERARCHY_VERTICES, VertexHierarchyError};
+use crate::scene::{Hierarchy, ObjectId, SceneManifest};
 
 const MAGIC: u32 = u32::from_le_bytes(*b"MLH1");
 /// Most hierarchies of a scene.
@@ -46,7 +46,7 @@ impl Owners {
     }
 }
 
-/// Hierarchies, their vertices as bytes.
+/// Hierarchies as bytes, of vertices or of clusters.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct HierarchyTable {
     entries: Vec<HierarchyEntry>,
@@ -81,17 +81,13 @@ impl HierarchyTable {
     ///
     /// # Errors
     /// When its bytes are none.
-    pub fn decode(&self, hierarchy: usize, scene: &SceneManifest) -> Result<VertexHierarchy, Error> {
+    pub fn decode(&self, hierarchy: usize, scene: &SceneManifest) -> Result<Hierarchy, Error> {
         let mut blobs = self.blobs(hierarchy);
         let base = blobs.next().unwrap_or_default();
-        let mut decoded = VertexHierarchy::decode_base(base, scene.materials.len() as u32)?;
+        let mut decoded = Hierarchy::decode_base(base, scene.materials.len() as u32)?;
         blobs.try_for_each(|block| decoded.decode_block(block))?;
-        if decoded.is_complete() {
-            Ok(decoded)
-        } else {
-            let expected = decoded.base().block_count.into();
-            Err(Error::Count { what: "blocks", found: decoded.block_count().into(), expected })
-        }
+        let (found, expected) = (decoded.block_count().into(), decoded.block_total().into());
+        if found == expected { Ok(decoded) } else { Err(Error::Count { what: "blocks", found, expected }) }
     }
 
     /// The section's bytes.

@@ -17,7 +17,7 @@ const FEW_PLACES: usize = 16;
 /// Places of the row that large nodes take as one.
 const STRETCH: usize = 64;
 /// What rounding may add to a length.
-const SLACK: f32 = 1.0 + 1e-5;
+pub(super) const SLACK: f32 = 1.0 + 1e-5;
 
 /// The bounds of every node, by its lead; those of followers mean nothing.
 pub(super) fn node_bounds(mesh: &LodMesh, ordered: &Ordered) -> Vec<PackedBounds> {
@@ -238,7 +238,7 @@ fn extend(extent: &mut NodeExtent, axis: Vec3, way: Vec3, radius: f32, half_box:
 }
 
 /// The cosine of the sum of two angles, or −1 where one of them is no acute one.
-fn cosine_of_sum(a: f32, b: f32) -> f32 {
+pub(super) fn cosine_of_sum(a: f32, b: f32) -> f32 {
     if a <= 0.0 || b <= 0.0 {
         return -1.0;
     }

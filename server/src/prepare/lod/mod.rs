@@ -1,4 +1,6 @@
-//! Vertex hierarchies for a package: each mesh is collapsed, half edge by half edge, to a coarse one (Garland, Heckbert: *Surface
+//! Hierarchies of detail for a package, of vertices or of clusters.
+//!
+//! For one of vertices each mesh is collapsed, half edge by half edge, to a coarse one (Garland, Heckbert: *Surface
 //! Simplification Using Quadric Error Metrics*, 1997), and the collapses in reverse are its hierarchy.
 //!
 //! ```text
@@ -6,9 +8,10 @@
 //! ```
 //! What a cut of such a hierarchy may show is decided here: a collapse is refused where it would join what was apart, or turn a triangle away
 //! from the surface that it stands for. Borders, seams between materials or texture coordinates stay where they are, and so does whatever is
-//! no surface: edges of three triangles and more, faces that are there twice.
+//! no surface: edges of three triangles and more, faces that are there twice. Clusters: [`clusters`].
 
 mod bounds;
+mod clusters;
 mod collapse;
 mod fitness;
 mod order;
@@ -20,7 +23,8 @@ mod surface;
 use std::sync::Arc;
 
 use mullion_common::scene::{
-    BaseMesh, BlockParts, HierarchyTable, MAX_BLOCK_VERTICES, Package, PackedBounds, Split, VertexHierarchy, VertexHierarchyError,
+    BaseMesh, BlockParts, ClusterBlock, ClusterHierarchy, HierarchyTable, MAX_BLOCK_VERTICES, Package, PackedBounds, Split,
+    VertexHierarchy, VertexHierarchyError,
 };
 use thiserror::Error;
 
@@ -36,13 +40,26 @@ use order::Ordered;
 pub struct LodOptions {
     /// Objects of fewer triangles have none: they are drawn whole.
     pub least_triangles: u32,
-    /// Vertices that are sent together, 1 to [`MAX_BLOCK_VERTICES`]. Fewer: an object sharpens in smaller steps.
+    /// Vertices that are sent together, 1 to [`MAX_BLOCK_VERTICES`], or those of one group of clusters. Fewer: an object sharpens in smaller
+    /// steps.
     pub block_vertices: u32,
+    /// What meshes are made into.
+    pub form: LodForm,
+}
+
+/// A form of hierarchies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LodForm {
+    /// Refined a vertex at a time: [`VertexHierarchy`].
+    #[default]
+    Vertices,
+    /// Refined a group of clusters at a time: [`ClusterHierarchy`].
+    Clusters,
 }
 
 impl Default for LodOptions {
     fn default() -> Self {
-        Self { least_triangles: 2048, block_vertices: 16_384 }
+        Self { least_triangles: 2048, block_vertices: 16_384, form: LodForm::Vertices }
     }
 }
 
@@ -56,7 +73,7 @@ pub enum LodError {
     Hierarchy(#[from] VertexHierarchyError),
 }
 
-/// Puts a hierarchy into the package for each mesh that is large enough. The same package and options give the same hierarchies.
+/// Puts a hierarchy of the options' form into the package for each mesh that is large enough. The same package and options give the same hierarchies.
 ///
 /// An object has one if all of its leaves are of materials that do not blend; objects with the same leaves share it.
 ///
@@ -75,10 +92,22 @@ pub fn add_vertex_hierarchies(
     for (done, group) in groups.into_iter().enumerate() {
         progress(STAGE, done as u64, total);
         let Some(mesh) = source::mesh(package, &group) else { continue };
-        let (base, blocks) = simplify(&mesh, options, Regions::default())?;
-        statistics.add(&mesh, &base, &blocks);
-        let mut blobs = vec![base.encode()];
-        blobs.extend(blocks.iter().map(BlockParts::encode));
+        let mut blobs = Vec::new();
+        match options.form {
+            LodForm::Vertices => {
+                let (base, blocks) = simplify(&mesh, options, Regions::default())?;
+                statistics.add(&base, &blocks);
+                blobs.push(base.encode());
+                blobs.extend(blocks.iter().map(BlockParts::encode));
+            }
+            LodForm::Clusters => {
+                options.check()?;
+                let (base, blocks) = clusters::clustered(&mesh, options.block_vertices);
+                statistics.add_clusters(&base, &blocks);
+                blobs.push(base.encode());
+                blobs.extend(blocks.iter().map(ClusterBlock::encode));
+            }
+        }
         table.push(group.objects, &blobs);
     }
     progress(STAGE, total, total);
@@ -94,6 +123,25 @@ pub fn vertex_hierarchy(mesh: &LodMesh, options: &LodOptions) -> Result<VertexHi
     joined(simplify(mesh, options, Regions::default())?)
 }
 
+/// The cluster hierarchy of one mesh, whole and checked.
+///
+/// # Errors
+/// For an option out of range, and where the mesh has more clusters than a hierarchy.
+pub fn cluster_hierarchy(mesh: &LodMesh, options: &LodOptions) -> Result<ClusterHierarchy, LodError> {
+    options.check()?;
+    let (base, blocks) = clusters::clustered(mesh, options.block_vertices);
+    let mut hierarchy = ClusterHierarchy::new(base)?;
+    blocks.into_iter().try_for_each(|block| hierarchy.append(block))?;
+    Ok(hierarchy)
+}
+
+impl LodOptions {
+    fn check(&self) -> Result<(), LodError> {
+        let found = self.block_vertices;
+        if (1..=MAX_BLOCK_VERTICES).contains(&found) { Ok(()) } else { Err(LodError::Block { found }) }
+    }
+}
+
 fn joined((base, blocks): (BaseMesh, Vec<BlockParts>)) -> Result<VertexHierarchy, LodError> {
     let mut hierarchy = VertexHierarchy::new(base)?;
     blocks.into_iter().try_for_each(|block| hierarchy.append(block))?;
@@ -101,9 +149,7 @@ fn joined((base, blocks): (BaseMesh, Vec<BlockParts>)) -> Result<VertexHierarchy
 }
 
 fn simplify(mesh: &LodMesh, options: &LodOptions, regions: Regions) -> Result<(BaseMesh, Vec<BlockParts>), LodError> {
-    if !(1..=MAX_BLOCK_VERTICES).contains(&options.block_vertices) {
-        return Err(LodError::Block { found: options.block_vertices });
-    }
+    options.check()?;
     let collapses = Collapses::of(mesh, regions);
     let ordered = Ordered::new(mesh, &collapses);
     drop(collapses);

@@ -11,7 +11,12 @@ use super::*;
 use crate::generate::Random;
 
 /// A grid of quads over a unit square, lifted; its last column and row are its first where it is closed that way.
-fn grid(columns: u32, rows: u32, [close_u, close_v]: [bool; 2], at: impl Fn(f32, f32) -> Vec3) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+pub(super) fn grid(
+    columns: u32,
+    rows: u32,
+    [close_u, close_v]: [bool; 2],
+    at: impl Fn(f32, f32) -> Vec3,
+) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let (width, height) = (columns + u32::from(!close_u), rows + u32::from(!close_v));
     let positions =
         (0..width * height).map(|k| at((k % width) as f32 / columns as f32, (k / width) as f32 / rows as f32)).collect();
@@ -26,7 +31,7 @@ fn grid(columns: u32, rows: u32, [close_u, close_v]: [bool; 2], at: impl Fn(f32,
     (positions, triangles)
 }
 
-fn torus() -> LodMesh {
+pub(super) fn torus() -> LodMesh {
     let (positions, triangles) = grid(40, 24, [true; 2], |u, v| {
         let (sin_u, cos_u) = (u * std::f32::consts::TAU).sin_cos();
         let (sin_v, cos_v) = (v * std::f32::consts::TAU).sin_cos();
@@ -47,7 +52,7 @@ fn hills() -> LodMesh {
 }
 
 /// A tube of two materials along it, and texture coordinates that start anew around it: closed but for its ends, with two seams.
-fn seams() -> LodMesh {
+pub(super) fn seams() -> LodMesh {
     let (columns, rows) = (24u32, 30u32);
     let mut welder = Welder::new(4000, VertexAttributes { uvs: true, colors: false }, vec![MaterialId(4), MaterialId(7)]);
     let at = |u: u32, v: u32| {
@@ -67,7 +72,7 @@ fn seams() -> LodMesh {
     welder.finish()
 }
 
-fn all() -> [(&'static str, LodMesh); 3] {
+pub(super) fn all() -> [(&'static str, LodMesh); 3] {
     [("torus", torus()), ("hills", hills()), ("seams", seams())]
 }
 
@@ -80,7 +85,7 @@ fn bits(p: Vec3) -> [u32; 3] {
 }
 
 /// Triangles by their corners' places, the least first, each with how often it is there.
-fn by_place(triangles: impl Iterator<Item = [Vec3; 3]>) -> BTreeMap<[[u32; 3]; 3], u32> {
+pub(super) fn by_place(triangles: impl Iterator<Item = [Vec3; 3]>) -> BTreeMap<[[u32; 3]; 3], u32> {
     let mut counts = BTreeMap::new();
     for triangle in triangles {
         let [a, b, c] = triangle.map(bits);
@@ -280,20 +285,25 @@ fn large_nodes_are_enclosed_by_stretches() {
     assert!(large > 0);
 }
 
-#[test]
-fn whatever_is_no_surface_is_kept() {
+/// Whatever is no surface.
+pub(super) fn soup() -> LodMesh {
     let mut random = Random::new(5);
     let mut soup: Vec<Vec3> = (0..300).map(|_| Vec3::new(random.unit(), random.unit(), random.unit())).collect();
     soup.extend([Vec3::ZERO, Vec3::X, Vec3::X * 2.0, Vec3::splat(9.0)]);
     let mut triangles: Vec<[u32; 3]> = (0..100).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
     // Three triangles at an edge, a face twice, once the other way round, one without area, one that names a vertex twice.
     triangles.extend([[0, 1, 5], [0, 1, 8], [3, 4, 5], [3, 5, 4], [300, 301, 302], [7, 7, 8]]);
-    let mesh = LodMesh::of_triangles(&soup, &triangles);
+    LodMesh::of_triangles(&soup, &triangles)
+}
+
+#[test]
+fn whatever_is_no_surface_is_kept() {
+    let mesh = soup();
     assert_eq!(mesh.triangles.len(), 105);
     let hierarchy = hierarchy(&mesh);
     let found = by_place(finest(&hierarchy).into_iter().map(|t| t.map(|v| hierarchy.position(v))));
     assert_eq!(found, by_place(mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize]))));
-    for empty in [LodMesh::of_triangles(&[], &[]), LodMesh::of_triangles(&soup, &[])] {
+    for empty in [LodMesh::of_triangles(&[], &[]), LodMesh::of_triangles(&mesh.positions, &[])] {
         assert_eq!((vertex_hierarchy(&empty, &LodOptions::default()).expect("it is one").vertex_count()), 0);
     }
     // Coordinates at the ends of what floats hold.
