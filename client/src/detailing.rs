@@ -6,7 +6,7 @@
 
 use glam::{DAffine3, DVec3};
 use mullion_common::geometry::Frustum;
-use mullion_common::scene::{AlphaMode, Material, ObjectId, SceneManifest, Transform, VertexHierarchy};
+use mullion_common::scene::{AlphaMode, Hierarchy, Material, ObjectId, SceneManifest, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::Projection;
 use mullion_common::wire::{Detail, Primary, ViewSpec};
@@ -28,7 +28,7 @@ const NEAR_M: f64 = 1e-3;
 #[derive(Default)]
 pub(crate) struct Detailing {
     /// By number, as far as they have come.
-    hierarchies: Vec<Option<VertexHierarchy>>,
+    hierarchies: Vec<Option<Hierarchy>>,
     /// By object, ascending.
     parts: Vec<Part>,
     /// All leaves, by object; made when the first hierarchy comes.
@@ -71,21 +71,20 @@ impl Detailing {
         let place = &mut self.hierarchies[at];
         let taken = match place {
             Some(hierarchy) => hierarchy.decode_block(blob),
-            None => VertexHierarchy::decode_base(blob, manifest.materials.len() as u32).map(|base| *place = Some(base)),
+            None => Hierarchy::decode_base(blob, manifest.materials.len() as u32).map(|base| *place = Some(base)),
         };
         if let Err(error) = taken {
-            tracing::warn!("vertex hierarchy {number}: {error}");
+            tracing::warn!("hierarchy {number}: {error}");
             self.forget(number);
             return None;
         }
         let hierarchy = place.as_ref()?;
         let bytes = hierarchy.memory_bytes();
         if hierarchy.block_count() == 0 {
-            let materials: Vec<&Material> =
-                hierarchy.base().materials.iter().map(|m| &manifest.materials[m.0 as usize]).collect();
+            let materials: Vec<&Material> = hierarchy.materials().iter().map(|m| &manifest.materials[m.0 as usize]).collect();
             // Cuts are drawn before all else.
             if materials.iter().any(|material| material.alpha == AlphaMode::Blend) {
-                tracing::warn!("vertex hierarchy {number}: of a material that blends");
+                tracing::warn!("hierarchy {number}: of a material that blends");
                 self.forget(number);
                 return None;
             }

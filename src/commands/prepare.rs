@@ -36,10 +36,21 @@ pub struct Options {
 }
 
 /// Of what hierarchies are made.
-#[derive(clap::ValueEnum, Clone, Copy)]
-enum Form {
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
     Vertices,
     Clusters,
+}
+
+impl Form {
+    /// For preparation.
+    pub fn options(self) -> LodOptions {
+        let form = match self {
+            Self::Vertices => LodForm::Vertices,
+            Self::Clusters => LodForm::Clusters,
+        };
+        LodOptions { form, ..LodOptions::default() }
+    }
 }
 
 /// Choices of preparation, shared by all commands that take a scene.
@@ -119,11 +130,7 @@ fn add_hierarchies(package: &mut Package, form: Form) -> Result<(LodStatistics, 
     let start = Instant::now();
     let progress = Progress::new();
     let report = |stage, done, total| progress.show(stage, done, total);
-    let form = match form {
-        Form::Vertices => LodForm::Vertices,
-        Form::Clusters => LodForm::Clusters,
-    };
-    let statistics = add_vertex_hierarchies(package, &LodOptions { form, ..LodOptions::default() }, &report);
+    let statistics = add_vertex_hierarchies(package, &form.options(), &report);
     progress.finish();
     Ok((statistics.context("--lod")?, start.elapsed().as_secs_f64()))
 }

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 use mullion_client::gpu::CutObject;
-use mullion_client::lod::{Cut, LodObject};
+use mullion_client::lod::{Cut, LodObject, StepId};
 use mullion_common::geometry::Aabb;
-use mullion_common::scene::{AlphaMode, ObjectId, Package, Transform, VertexHierarchy, VertexId};
+use mullion_common::scene::{AlphaMode, Hierarchy, ObjectId, Package, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::Look;
@@ -17,7 +17,7 @@ use crate::item_buffer::ItemScene;
 pub struct Subject {
     /// With every copy among its objects and leaves.
     pub package: Package,
-    hierarchies: Vec<VertexHierarchy>,
+    hierarchies: Vec<Hierarchy>,
     parts: Vec<Part>,
     /// Of all that is simplified, in the world; of one copy.
     pub bounds: Aabb,
@@ -41,11 +41,8 @@ impl Subject {
     pub fn new(mut package: Package, copies: u32, step: DVec3) -> Result<Self> {
         let table =
             package.scene.hierarchies().cloned().context("no object of the scene has triangles enough to be simplified")?;
-        let vertices = |number| {
-            let decoded = table.decode(number, &package.scene.manifest).context("a vertex hierarchy")?;
-            decoded.into_vertices().context("the package has cluster hierarchies, where these of vertices are drawn")
-        };
-        let hierarchies = (0..table.entries().len()).map(vertices).collect::<Result<Vec<VertexHierarchy>>>()?;
+        let decoded = |number| table.decode(number, &package.scene.manifest).context("a hierarchy");
+        let hierarchies = (0..table.entries().len()).map(decoded).collect::<Result<Vec<Hierarchy>>>()?;
         let manifest = &mut package.scene.manifest;
         let (objects, leaves) = (manifest.transforms.clone(), manifest.leaves.clone());
         for copy in 1..copies {
@@ -68,7 +65,7 @@ impl Subject {
         let mut parts = Vec::new();
         let own = objects.len() as u32;
         for (number, entry) in table.entries().iter().enumerate() {
-            let materials = &hierarchies[number].base().materials;
+            let materials = &hierarchies[number].materials();
             let materials = || materials.iter().map(|m| &manifest.materials[m.0 as usize]);
             let is_double_sided = materials().any(|material| material.double_sided);
             let is_solid = materials().all(|material| material.alpha == AlphaMode::Opaque);
@@ -128,24 +125,31 @@ impl Subject {
         let objects = self.objects();
         let triangles = objects.iter().zip(cuts).flat_map(|(object, cut)| {
             let from_local = DAffine3::from_translation(-eye) * object.world_from_local;
-            let place = move |v: VertexId| from_local.transform_point3(object.hierarchy.position(v).as_dvec3()).as_vec3();
+            let positions = &object.hierarchy.vertices().positions;
+            let place = |v: u32| from_local.transform_point3(Vec3::from(positions[v as usize]).as_dvec3()).as_vec3();
+            let placed: Vec<Vec3> = cut.vertices(object.hierarchy).map(place).collect();
             let is_mirrored = object.world_from_local.matrix3.determinant() < 0.0;
-            cut.triangles(object.hierarchy).map(move |[a, b, c]| {
+            cut.placed_triangles(object.hierarchy).map(move |[a, b, c]| {
                 let corners = if is_mirrored { [a, c, b] } else { [a, b, c] };
-                (corners.map(place), object.is_double_sided)
+                (corners.map(|v| placed[v as usize]), object.is_double_sided)
             })
         });
         ItemScene::of_triangles(eye, triangles)
     }
 
-    /// All triangles, relative to an eye: every split is made.
+    /// All triangles, relative to an eye: every step is made.
     pub fn whole_scene(&self, look: &Look) -> ItemScene {
         let all = |part: &Part| {
             let hierarchy = &self.hierarchies[part.hierarchy];
+            let steps: Vec<StepId> = match hierarchy {
+                Hierarchy::Vertices(of) => {
+                    let splits = (of.base_count()..of.vertex_count()).map(StepId);
+                    splits.filter(|step| !of.is_follower(step.lead())).collect()
+                }
+                Hierarchy::Clusters(of) => (0..of.group_count()).map(StepId).collect(),
+            };
             let mut cut = Cut::new(hierarchy);
-            let leads: Vec<VertexId> =
-                (hierarchy.base_count()..hierarchy.vertex_count()).map(VertexId).filter(|v| !hierarchy.is_follower(*v)).collect();
-            cut.follow(hierarchy, &leads, |_| true);
+            cut.follow(hierarchy, &steps, |_| true);
             cut
         };
         let cuts: Vec<Cut> = self.parts.iter().map(all).collect();

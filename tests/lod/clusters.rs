@@ -71,13 +71,13 @@ fn any_closed_set_has_no_cracks() {
                 change(h, &mut set, group);
             }
             let groups: Vec<GroupId> = set.iter().copied().collect();
-            cut.follow(h, &groups, |group| set.contains(&group));
+            cut.follow(h, groups.iter().copied(), |group| set.contains(&group));
             assert_follows(&mesh, &whole, &cut, &set, &format!("{}, cut {number}", mesh.name));
             (fewest, most) = (fewest.min(cut.triangle_count()), most.max(cut.triangle_count()));
         }
         assert!(fewest * 3 < most, "{}: {fewest} to {most} triangles", mesh.name);
         let everything: Vec<GroupId> = groups(h).collect();
-        cut.follow(h, &everything, |_| true);
+        cut.follow(h, everything.iter().copied(), |_| true);
         assert_eq!((cut.triangle_count() as usize, h.triangle_total() as usize), (mesh.triangles.len(), mesh.triangles.len()));
         cut.reset(h);
         assert_follows(&mesh, &whole, &cut, &BTreeSet::new(), mesh.name);
@@ -140,7 +140,7 @@ fn following_takes_no_memory() {
     let mut follow = |number: usize| {
         let set = &sets[number % sets.len()];
         // Groups of lower numbers alone are needed: all below a number are closed.
-        cut.follow(h, set, |group| group.index() < set.len());
+        cut.follow(h, set.iter().copied(), |group| group.index() < set.len());
     };
     (0..8).for_each(&mut follow);
     let counted = allocation_counter::measure(|| (0..8).for_each(&mut follow));

@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use glam::Vec3;
-use mullion_client::lod::Cut;
+use mullion_client::lod::VertexCut;
 use mullion_common::scene::VertexHierarchy;
 
 use super::meshes::Mesh;
@@ -104,7 +104,7 @@ impl Surface {
     }
 
     /// Holds a cut against the mesh: a surface of the same kind, of triangles that face as the mesh does.
-    pub fn assert_is_coarser(&self, hierarchy: &VertexHierarchy, cut: &Cut, what: &str) {
+    pub fn assert_is_coarser(&self, hierarchy: &VertexHierarchy, cut: &VertexCut, what: &str) {
         let triangles: Vec<[Vec3; 3]> = cut.triangles(hierarchy).map(|t| t.map(|v| hierarchy.position(v))).collect();
         assert_eq!(triangles.len(), cut.triangle_count() as usize, "{what}");
         assert!(triangles.len() <= self.triangles, "{what}");

@@ -1,7 +1,7 @@
-//! Cuts of vertex hierarchies on the GPU: the vertices and triangles that are there, written anew when they change. A cut is as large as its
+//! Cuts of hierarchies on the GPU: the vertices and triangles that are there, written anew when they change. A cut is as large as its
 //! budget, however large its mesh.
 
-use mullion_common::scene::{MaterialId, ObjectId, VertexHierarchy};
+use mullion_common::scene::{Hierarchy, MaterialId, ObjectId};
 
 use super::arena::Vertex;
 use super::device::{Gpu, GpuError};
@@ -19,7 +19,7 @@ pub struct CutObject<'a> {
     /// One of its leaves: whose number its pixels bear.
     pub leaf: u32,
     /// Its mesh.
-    pub hierarchy: &'a VertexHierarchy,
+    pub hierarchy: &'a Hierarchy,
     /// What of it is drawn.
     pub cut: &'a Cut,
 }
@@ -43,6 +43,8 @@ pub(super) struct Cuts {
     draws: Vec<CutDraw>,
     staged_vertices: Vec<Vertex>,
     staged_indices: Vec<u32>,
+    /// Of an object of several materials, by place: numbers of its vertices.
+    placed: Vec<u32>,
 }
 
 impl Cuts {
@@ -53,6 +55,7 @@ impl Cuts {
             draws: Vec::new(),
             staged_vertices: Vec::new(),
             staged_indices: Vec::new(),
+            placed: Vec::new(),
         }
     }
 
@@ -60,12 +63,12 @@ impl Cuts {
     fn stage(&mut self, CutObject { object, leaf, hierarchy, cut }: &CutObject<'_>) {
         let first_vertex = self.staged_vertices.len() as u32;
         let data = hierarchy.vertices();
-        self.staged_vertices.extend(cut.vertices().map(|v| Vertex {
-            position: data.positions[v.index()],
-            uv: data.uvs.get(v.index()).copied().unwrap_or_default(),
-            color: data.colors.get(v.index()).copied().unwrap_or([255; 4]),
+        self.staged_vertices.extend(cut.vertices(hierarchy).map(|v| v as usize).map(|v| Vertex {
+            position: data.positions[v],
+            uv: data.uvs.get(v).copied().unwrap_or_default(),
+            color: data.colors.get(v).copied().unwrap_or([255; 4]),
         }));
-        let materials = &hierarchy.base().materials;
+        let materials = hierarchy.materials();
         let mut put = |material: MaterialId, triangles: &mut dyn Iterator<Item = [u32; 3]>| {
             let first_index = self.staged_indices.len() as u32;
             triangles.for_each(|t| self.staged_indices.extend(t));
@@ -76,9 +79,11 @@ impl Cuts {
             put(material, &mut cut.placed_triangles(hierarchy));
             return;
         }
+        self.placed.clear();
+        self.placed.extend(cut.vertices(hierarchy));
         for material in materials {
-            let of_material = cut.triangles(hierarchy).filter(|t| hierarchy.material(t[0]) == *material);
-            put(*material, &mut of_material.map(|t| t.map(|vertex| cut.place(vertex))));
+            let is_of_material = |t: &[u32; 3]| hierarchy.material(self.placed[t[0] as usize]) == *material;
+            put(*material, &mut cut.placed_triangles(hierarchy).filter(is_of_material));
         }
     }
 }

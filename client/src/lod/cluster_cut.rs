@@ -6,7 +6,7 @@ use super::sparse::Sparse;
 
 const NONE: u32 = u32::MAX;
 
-/// An active cut of one hierarchy: a closed set of refined groups. Starts as the roots.
+/// An active cut of one hierarchy: a closed set of refined groups; or nothing at all. Starts as the roots.
 #[derive(Clone, Debug)]
 pub struct ClusterCut {
     /// For each group its place in `refined`.
@@ -16,6 +16,7 @@ pub struct ClusterCut {
     places: Sparse<u32>,
     drawn: Vec<ClusterId>,
     triangle_count: u32,
+    is_nothing: bool,
     /// What is refined or taken back next.
     changes: Vec<GroupId>,
 }
@@ -28,6 +29,7 @@ impl Default for ClusterCut {
             places: Sparse::new(NONE),
             drawn: Vec::new(),
             triangle_count: 0,
+            is_nothing: true,
             changes: Vec::new(),
         }
     }
@@ -43,11 +45,18 @@ impl ClusterCut {
 
     /// Takes all back to the roots. Another hierarchy may be given; memory is taken only where it is larger.
     pub fn reset(&mut self, hierarchy: &ClusterHierarchy) {
-        self.refined.drain(..).for_each(|group| *self.group_places.get_mut(group.index()) = NONE);
-        self.drawn.drain(..).for_each(|cluster| *self.places.get_mut(cluster.index()) = NONE);
+        self.vanish();
+        self.is_nothing = false;
         self.grow(hierarchy);
         hierarchy.roots().for_each(|root| put(&mut self.places, &mut self.drawn, root, ClusterId::index));
         self.triangle_count = hierarchy.root_triangles();
+    }
+
+    /// Takes all of it away: the roots, too.
+    pub fn vanish(&mut self) {
+        self.refined.drain(..).for_each(|group| *self.group_places.get_mut(group.index()) = NONE);
+        self.drawn.drain(..).for_each(|cluster| *self.places.get_mut(cluster.index()) = NONE);
+        (self.triangle_count, self.is_nothing) = (0, true);
     }
 
     /// Makes room for blocks that came since.
@@ -79,15 +88,22 @@ impl ClusterCut {
 
     /// Refines all groups of a closed set, and takes back all others. `groups` are the set, in any order. What a set draws that is not closed
     /// means nothing.
-    pub fn follow(&mut self, hierarchy: &ClusterHierarchy, groups: &[GroupId], is_chosen: impl Fn(GroupId) -> bool) {
-        self.grow(hierarchy);
+    pub fn follow(
+        &mut self,
+        hierarchy: &ClusterHierarchy,
+        groups: impl Iterator<Item = GroupId>,
+        is_chosen: impl Fn(GroupId) -> bool,
+    ) {
+        if self.is_nothing {
+            self.reset(hierarchy);
+        }
         let mut changes = std::mem::take(&mut self.changes);
         changes.clear();
         changes.extend(self.refined.iter().filter(|group| !is_chosen(**group)));
         // What a group needs has lower numbers.
         changes.sort_unstable();
         changes.drain(..).rev().for_each(|group| self.coarsen(hierarchy, group));
-        changes.extend(groups.iter().filter(|group| !self.is_refined(**group)));
+        changes.extend(groups.filter(|group| !self.is_refined(*group)));
         changes.sort_unstable();
         changes.drain(..).for_each(|group| self.refine(hierarchy, group));
         self.changes = changes;

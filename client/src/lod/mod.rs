@@ -1,5 +1,5 @@
 //! Level of detail that knows what is hidden (Birkholz, Rahn: *Adaptive Level of Detail with Occlusion Culling*), without a GPU: which vertices
-//! of each object's hierarchy are split, within a budget of triangles.
+//! of each object's hierarchy are split, or which groups of its clusters refined, within a budget of triangles.
 //!
 //! ```text
 //! base meshes ─→ queue by error in pixels ─ first ─→ behind the occluder? ─ no ─→ chosen, with what it needs ─→ cuts ─→ triangles
@@ -16,6 +16,8 @@ mod occluder;
 mod refinement;
 mod sight;
 mod sparse;
+mod steps;
+mod vertex_cut;
 
 pub use cluster_cut::ClusterCut;
 pub use course::OccluderCourse;
@@ -23,15 +25,17 @@ pub use cut::Cut;
 pub use occluder::{BoundsKind, DepthOccluder};
 pub use refinement::{Hidden, LodOptions, Occluder, OccluderFrom, Refinement};
 pub use sight::{LodSight, NodeSight};
+pub use steps::StepId;
+pub use vertex_cut::VertexCut;
 
 use glam::DAffine3;
-use mullion_common::scene::VertexHierarchy;
+use mullion_common::scene::Hierarchy;
 
 /// An object that is drawn by its hierarchy.
 #[derive(Clone, Copy, Debug)]
 pub struct LodObject<'a> {
     /// As far as it has arrived.
-    pub hierarchy: &'a VertexHierarchy,
+    pub hierarchy: &'a Hierarchy,
     /// Where it is.
     pub world_from_local: DAffine3,
     /// Whether triangles are seen from behind, too: then none faces away.

@@ -4,14 +4,16 @@ use std::cmp::Ordering;
 
 use mullion_common::scene::VertexId;
 
-/// A node: an object's lead, and how many pixels the surface is wrong where it is not split, by the object's weight.
+use super::steps::StepId;
+
+/// A node: an object's step, and how many pixels the surface is wrong where it is not made, by the object's weight.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
     /// No less than 0.
     pub pixels: f32,
     pub object: u32,
-    pub lead: VertexId,
-    /// What the lead splits from.
+    pub step: StepId,
+    /// What splits in it, if a vertex does.
     pub parent: VertexId,
     /// Whether what it comes from was asked and found visible: then it is not asked.
     pub is_seen: bool,
@@ -31,7 +33,7 @@ impl Ord for Node {
     /// By pixels; of equal ones the coarser is the greater: one order on every machine.
     fn cmp(&self, other: &Self) -> Ordering {
         // The bits of numbers that are not negative are in their order.
-        let key = |node: &Self| u64::from(node.pixels.to_bits()) << 32 | u64::from(!node.lead.0);
+        let key = |node: &Self| u64::from(node.pixels.to_bits()) << 32 | u64::from(!node.step.0);
         key(self).cmp(&key(other)).then_with(|| other.object.cmp(&self.object))
     }
 }

@@ -2,10 +2,11 @@
 //! the same answer.
 
 use glam::{Mat4, Vec3, Vec3Swizzles, Vec4, Vec4Swizzles};
-use mullion_common::scene::{NodeBounds, VertexHierarchy, VertexId};
+use mullion_common::scene::{Hierarchy, NodeBounds, VertexHierarchy, VertexId};
 use mullion_common::wall::Projection;
 
 use super::cut::Cut;
+use super::steps::StepId;
 use super::{Hidden, LodObject, Occluder};
 
 /// Which of a node's bounds are asked about.
@@ -16,8 +17,8 @@ pub enum BoundsKind {
     Box,
     /// Along the normal: the paper's best.
     Cylinder,
-    /// The vertices around the split and its own: the triangles that it takes and puts are between them. Nothing that the node becomes later: of
-    /// that, each split is asked about for itself.
+    /// Of a vertex, those around the split and its own: the triangles that it takes and puts are between them. Nothing that the node becomes later: of
+    /// that, each split is asked about for itself. Of a group, its box.
     #[default]
     Link,
 }
@@ -84,12 +85,13 @@ impl DepthOccluder {
         holds
     }
 
-    fn draw_cut(&mut self, hierarchy: &VertexHierarchy, cut: &Cut, clip_from_local: &Mat4, facing: Facing) {
+    fn draw_cut(&mut self, hierarchy: &Hierarchy, cut: &Cut, clip_from_local: &Mat4, facing: Facing) {
         let Level { width, height, near } = &mut self.levels[0];
         let half = Vec3::new(*width as f32, *height as f32, 0.0) * 0.5;
         self.placed.clear();
-        self.placed.extend(cut.vertices().map(|vertex| {
-            let clip = *clip_from_local * hierarchy.position(vertex).extend(1.0);
+        let positions = &hierarchy.vertices().positions;
+        self.placed.extend(cut.vertices(hierarchy).map(|vertex| {
+            let clip = *clip_from_local * Vec3::from(positions[vertex as usize]).extend(1.0);
             let near = if clip.w > 0.0 { clip.w.recip() } else { f32::NAN };
             Vec3::new(half.x + clip.x * near * half.x, half.y - clip.y * near * half.y, near)
         }));
@@ -112,14 +114,6 @@ impl DepthOccluder {
                     *cell = first[2 * x].min(first[next]).min(second[2 * x].min(second[next]));
                 }
             }
-        }
-    }
-
-    /// Where what is asked about a node lies in the picture; `None` if it reaches behind the eye.
-    fn spread(&self, clip_from_local: &Mat4, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<Spread> {
-        match self.kind {
-            BoundsKind::Link => link_spread(clip_from_local, hierarchy, lead),
-            kind => bounds_spread(kind, clip_from_local, &hierarchy.bounds(lead)),
         }
     }
 }
@@ -209,18 +203,25 @@ impl Occluder for DepthOccluder {
         self.build_levels();
     }
 
-    fn hides(&mut self, object: usize, hierarchy: &VertexHierarchy, lead: VertexId) -> Hidden {
+    fn hides(&mut self, object: usize, hierarchy: &Hierarchy, step: StepId) -> Hidden {
         let Some(clip_from_local) = self.clip_from_local.get(object) else { return Hidden::Nothing };
-        // Bounds enclose the vertex: what shows that shows something of them.
-        if self.shows(*clip_from_local * hierarchy.position(lead).extend(1.0)) {
-            return Hidden::Nothing;
-        }
-        let spread = self.spread(clip_from_local, hierarchy, lead);
-        match (spread.is_some_and(|spread| self.is_behind(&spread)), self.kind) {
-            (false, _) => Hidden::Nothing,
-            (true, BoundsKind::Link) => Hidden::Split,
-            (true, _) => Hidden::Node,
-        }
+        let (spread, hidden) = match (hierarchy, self.kind) {
+            // Bounds enclose the vertex: what shows that shows something of them.
+            (Hierarchy::Vertices(hierarchy), _) if self.shows(*clip_from_local * hierarchy.position(step.lead()).extend(1.0)) => {
+                return Hidden::Nothing;
+            }
+            (Hierarchy::Vertices(hierarchy), BoundsKind::Link) => {
+                (link_spread(clip_from_local, hierarchy, step.lead()), Hidden::Split)
+            }
+            (Hierarchy::Vertices(hierarchy), kind) => {
+                (bounds_spread(kind, clip_from_local, &hierarchy.bounds(step.lead())), Hidden::Node)
+            }
+            (Hierarchy::Clusters(hierarchy), kind) => {
+                let kind = if kind == BoundsKind::Link { BoundsKind::Box } else { kind };
+                (bounds_spread(kind, clip_from_local, &hierarchy.bounds(step.group())), Hidden::Node)
+            }
+        };
+        if spread.is_some_and(|spread| self.is_behind(&spread)) { hidden } else { Hidden::Nothing }
     }
 }
 
@@ -382,7 +383,8 @@ mod tests {
     #[test]
     fn splits_behind_are_hidden() {
         let hierarchy = small_sphere();
-        let lead = VertexId(hierarchy.base_count());
+        let lead = StepId(hierarchy.base_count());
+        let hierarchy = Hierarchy::Vertices(hierarchy);
         for (z, hidden) in [(-9.0, Hidden::Split), (-3.0, Hidden::Nothing), (-5.0, Hidden::Nothing)] {
             let mut occluder = looking_ahead(BoundsKind::Link);
             let projection = occluder.projection.expect("it looks");

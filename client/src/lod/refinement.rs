@@ -2,12 +2,13 @@
 
 use std::collections::BinaryHeap;
 
-use mullion_common::scene::{VertexHierarchy, VertexId};
+use mullion_common::scene::{Hierarchy, VertexHierarchy};
 
 use super::cut::Cut;
 use super::node::Node;
 use super::sight::LocalSight;
 use super::sparse::Sparse;
+use super::steps::{StepId, Steps};
 use super::{LodObject, LodSight, NodeSight};
 
 /// How far refinement goes, and when its occluder is drawn.
@@ -45,7 +46,7 @@ pub trait Occluder {
     fn draw(&mut self, objects: &[LodObject<'_>], cuts: &[Cut]);
 
     /// Whether a node of an object is behind what was drawn. The same until that is drawn anew: nobody asks twice.
-    fn hides(&mut self, object: usize, hierarchy: &VertexHierarchy, lead: VertexId) -> Hidden;
+    fn hides(&mut self, object: usize, hierarchy: &Hierarchy, step: StepId) -> Hidden;
 }
 
 /// Where a frame's occluder comes from.
@@ -93,8 +94,8 @@ pub struct Refinement {
     queue: BinaryHeap<Node>,
     /// Nodes that are behind the occluder.
     hidden: Vec<Node>,
-    /// What a split needs.
-    needed: Vec<VertexId>,
+    /// What a step needs.
+    needed: Vec<StepId>,
     /// Which picture the occluder has.
     picture: u32,
     triangle_count: u32,
@@ -114,18 +115,18 @@ enum Standing {
     LeftOut,
 }
 
-/// The leads of one object that are to be split.
+/// The steps of one object that are to be made.
 #[derive(Debug, Default)]
 struct Chosen {
     standing: Standing,
-    /// By lead.
+    /// By step.
     known: Sparse<Known>,
     search: u32,
     frame: u32,
-    leads: Vec<VertexId>,
+    steps: Vec<StepId>,
 }
 
-/// What is known of a lead.
+/// What is known of a step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Known {
     /// In which frame it was chosen last.
@@ -135,27 +136,29 @@ struct Known {
     answer: Hidden,
     /// For which search it was found to be needed.
     search: u32,
+    /// In which frame it was put into the queue last, where it comes from several.
+    offered: u32,
 }
 
 impl Chosen {
-    fn begin(&mut self, vertices: usize) {
-        self.leads.clear();
+    fn begin(&mut self, end: u32) {
+        self.steps.clear();
         self.frame = self.frame.wrapping_add(1);
         if self.frame == 0 {
-            self.known.written().for_each(|known| known.frame = 0);
+            self.known.written().for_each(|known| (known.frame, known.offered) = (0, 0));
             self.frame = 1;
         }
-        self.known.grow(vertices);
+        self.known.grow(end as usize);
     }
 
     #[inline]
-    fn has(&self, lead: VertexId) -> bool {
-        self.known.get(lead.index()).frame == self.frame
+    fn has(&self, step: StepId) -> bool {
+        self.known.get(step.index()).frame == self.frame
     }
 
-    fn put(&mut self, lead: VertexId) {
-        self.known.get_mut(lead.index()).frame = self.frame;
-        self.leads.push(lead);
+    fn put(&mut self, step: StepId) {
+        self.known.get_mut(step.index()).frame = self.frame;
+        self.steps.push(step);
     }
 
     fn next_search(&mut self) {
@@ -166,17 +169,22 @@ impl Chosen {
         }
     }
 
-    /// Whether a lead is not chosen and was not asked about in this search.
+    /// Whether a step was not put into the queue in this frame.
+    fn is_first_offered(&mut self, step: StepId) -> bool {
+        std::mem::replace(&mut self.known.get_mut(step.index()).offered, self.frame) != self.frame
+    }
+
+    /// Whether a step is not chosen and was not asked about in this search.
     #[inline]
-    fn is_first_asked(&mut self, lead: VertexId) -> bool {
-        let known = self.known.get_mut(lead.index());
+    fn is_first_asked(&mut self, step: StepId) -> bool {
+        let known = self.known.get_mut(step.index());
         known.frame != self.frame && std::mem::replace(&mut known.search, self.search) != self.search
     }
 
-    fn follow(&self, hierarchy: &VertexHierarchy, cut: &mut Cut) {
+    fn follow(&self, hierarchy: &Hierarchy, cut: &mut Cut) {
         match self.standing {
             Standing::LeftOut => cut.vanish(),
-            Standing::Beyond | Standing::InSight => cut.follow(hierarchy, &self.leads, |lead| self.has(lead)),
+            Standing::Beyond | Standing::InSight => cut.follow(hierarchy, &self.steps, |step| self.has(step)),
         }
     }
 }
@@ -211,17 +219,20 @@ impl Refinement {
             let Some(mut node) = self.queue.pop() else { break };
             let object = node.object as usize;
             let hierarchy = objects[object].hierarchy;
-            if !self.chosen[object].has(node.lead) {
+            if !self.chosen[object].has(node.step) {
                 if let Some((occluder, _)) = occluder.as_mut().filter(|_| drawn > 0) {
                     // Questions may be asked at every other level: what is below a node that is seen is likely seen.
                     if !node.is_seen {
-                        let known = self.chosen[object].known.get_mut(node.lead.index());
+                        let known = self.chosen[object].known.get_mut(node.step.index());
                         if known.picture != self.picture {
                             self.question_count += 1;
-                            (known.picture, known.answer) = (self.picture, occluder.hides(object, hierarchy, node.lead));
+                            (known.picture, known.answer) = (self.picture, occluder.hides(object, hierarchy, node.step));
                         }
                         let hidden = known.answer;
-                        if hidden == Hidden::Split && !node.is_followed {
+                        if hidden == Hidden::Split
+                            && !node.is_followed
+                            && let Hierarchy::Vertices(hierarchy) = hierarchy
+                        {
                             self.offer_next(hierarchy, &node);
                             node.is_followed = true;
                         }
@@ -232,7 +243,7 @@ impl Refinement {
                     }
                     node.is_seen = options.odd_levels && !node.is_seen;
                 }
-                let added = self.find_needed(hierarchy, object, node.lead, options.budget);
+                let added = self.find_needed(hierarchy, object, node.step, options.budget);
                 if self.triangle_count.saturating_add(added) > options.budget {
                     misfits += 1;
                     if misfits > MOST_MISFITS || self.triangle_count.saturating_add(FEWEST_LEFT) > options.budget {
@@ -244,7 +255,7 @@ impl Refinement {
                 self.triangle_count += added;
                 self.steps += self.needed.len() as u32;
                 let chosen = &mut self.chosen[object];
-                self.needed.drain(..).for_each(|lead| chosen.put(lead));
+                self.needed.drain(..).for_each(|step| chosen.put(step));
             }
             self.offer_below(hierarchy, &node);
         }
@@ -268,26 +279,24 @@ impl Refinement {
         let occluders = self.occluders.iter_mut().filter(|cuts| !cuts.is_empty());
         for cuts in std::iter::once(&mut self.cuts).chain(occluders) {
             cuts.resize_with(objects.len(), Cut::default);
-            cuts.iter_mut().zip(objects).for_each(|(cut, object)| cut.grow(object.hierarchy));
         }
         self.choose_bases(objects, options.budget);
         for (number, object) in objects.iter().enumerate() {
             let hierarchy = object.hierarchy;
-            self.chosen[number].begin(hierarchy.vertex_count() as usize);
+            self.chosen[number].begin(hierarchy.end());
             if self.chosen[number].standing != Standing::InSight {
                 continue;
             }
-            let children = (0..hierarchy.base_count()).map(VertexId).filter_map(|v| Some((v, hierarchy.first_child(v)?)));
-            for (parent, lead) in children {
-                let object = number as u32;
-                self.offer(hierarchy, Node { pixels: f32::INFINITY, object, lead, parent, is_seen: false, is_followed: false });
-            }
+            let object = number as u32;
+            hierarchy.for_first(|parent, step| {
+                self.offer(hierarchy, Node { pixels: f32::INFINITY, object, step, parent, is_seen: false, is_followed: false });
+            });
         }
     }
 
     /// How each object stands. Where the bases in sight are more than the budget, the largest objects are drawn.
     fn choose_bases(&mut self, objects: &[LodObject<'_>], budget: u32) {
-        let base = |object: usize| objects[object].hierarchy.base().triangles.len() as u32;
+        let base = |object: usize| objects[object].hierarchy.base_triangles();
         self.by_size.clear();
         for (number, (object, chosen)) in objects.iter().zip(&mut self.chosen).enumerate() {
             let pixels = self.sights[number].of_box(&object.hierarchy.local_aabb());
@@ -315,56 +324,66 @@ impl Refinement {
     /// Puts a node into the queue, if it is in sight and wrong by pixels enough. It is as wrong as its bounds say, and no more than what it comes
     /// from.
     #[inline]
-    fn offer(&mut self, hierarchy: &VertexHierarchy, node: Node) {
+    fn offer(&mut self, hierarchy: &impl Steps, node: Node) {
         let sight = &self.sights[node.object as usize];
-        if let NodeSight::Pixels(pixels) = sight.of((hierarchy.position(node.parent), hierarchy.packed_bounds(node.lead)))
+        if let NodeSight::Pixels(pixels) = sight.of(hierarchy.packed_bounds(node.parent, node.step))
             && pixels >= self.least_pixels
         {
             self.queue.push(Node { pixels: (pixels * sight.weight).min(node.pixels), ..node });
         }
     }
 
-    /// Offers the nodes that a node becomes by its split.
-    fn offer_below(&mut self, hierarchy: &VertexHierarchy, node: &Node) {
-        if !node.is_followed {
-            self.offer_next(hierarchy, node);
-        }
-        for vertex in hierarchy.together(node.lead) {
-            if let Some(lead) = hierarchy.first_child(vertex) {
-                self.offer(hierarchy, Node { lead, parent: vertex, is_followed: false, ..*node });
+    /// Offers the nodes that a node becomes by its step.
+    fn offer_below(&mut self, hierarchy: &Hierarchy, node: &Node) {
+        match hierarchy {
+            Hierarchy::Vertices(hierarchy) => {
+                if !node.is_followed {
+                    self.offer_next(hierarchy, node);
+                }
+                for vertex in hierarchy.together(node.step.lead()) {
+                    if let Some(lead) = hierarchy.first_child(vertex) {
+                        self.offer(hierarchy, Node { step: StepId(lead.0), parent: vertex, is_followed: false, ..*node });
+                    }
+                }
+            }
+            // A group comes from all that it needs, and is asked about once.
+            Hierarchy::Clusters(hierarchy) => {
+                for group in hierarchy.below(node.step.group()) {
+                    if self.chosen[node.object as usize].is_first_offered(StepId(group.0)) {
+                        self.offer(hierarchy, Node { step: StepId(group.0), ..*node });
+                    }
+                }
             }
         }
     }
 
     /// Offers what a node's vertex splits into after it.
     fn offer_next(&mut self, hierarchy: &VertexHierarchy, node: &Node) {
-        if let Some(lead) = hierarchy.next_sibling(node.lead) {
-            self.offer(hierarchy, Node { lead, is_followed: false, ..*node });
+        if let Some(lead) = hierarchy.next_sibling(node.step.lead()) {
+            self.offer(hierarchy, Node { step: StepId(lead.0), is_followed: false, ..*node });
         }
     }
 
-    /// Finds all splits that a lead's needs and that are not chosen, itself first. How many triangles they add; if they do not fit, as many as
-    /// were found until then.
-    fn find_needed(&mut self, hierarchy: &VertexHierarchy, object: usize, lead: VertexId, budget: u32) -> u32 {
-        let chosen = &mut self.chosen[object];
+    /// Finds all steps that one needs and that are not chosen, itself first. How many triangles they add; if they do not fit, as many as were
+    /// found until then.
+    fn find_needed(&mut self, hierarchy: &Hierarchy, object: usize, step: StepId, budget: u32) -> u32 {
+        let (chosen, found) = (&mut self.chosen[object], &mut self.needed);
         chosen.next_search();
-        self.needed.clear();
-        chosen.is_first_asked(lead);
-        self.needed.push(lead);
+        found.clear();
+        chosen.is_first_asked(step);
+        found.push(step);
         let (mut at, mut added) = (0, 0u32);
-        while let Some(lead) = self.needed.get(at).copied() {
+        while let Some(step) = found.get(at).copied() {
             at += 1;
-            added += hierarchy.added_triangles(lead);
+            added += hierarchy.added_triangles(step);
             if self.triangle_count.saturating_add(added) > budget {
                 break;
             }
-            for vertex in hierarchy.together(lead) {
-                for needed in hierarchy.link(vertex).path().iter().map(|v| VertexId(*v)) {
-                    if !hierarchy.is_base(needed) && chosen.is_first_asked(hierarchy.lead(needed)) {
-                        self.needed.push(hierarchy.lead(needed));
-                    }
+            hierarchy.for_needs(step, |needed| {
+                if chosen.is_first_asked(needed) {
+                    found.push(needed);
                 }
-            }
+            });
         }
         added
     }
@@ -408,7 +427,7 @@ impl Refinement {
         self.chosen.get(object).is_some_and(|chosen| chosen.standing != Standing::Beyond)
     }
 
-    /// Splits beyond the bases.
+    /// Steps beyond the bases.
     pub fn steps(&self) -> u32 {
         self.steps
     }

@@ -2,7 +2,7 @@
 
 use super::MaterialId;
 use super::cluster_hierarchy::{ClusterHierarchy, is_cluster_base};
-use super::vertex_hierarchy::{VertexHierarchy, VertexHierarchyError};
+use super::vertex_hierarchy::{VertexData, VertexHierarchy, VertexHierarchyError};
 use crate::geometry::Aabb;
 
 /// A hierarchy as far as it is there: the base and the first blocks.
@@ -68,6 +68,20 @@ impl Hierarchy {
             Self::Vertices(hierarchy) => &hierarchy.base().materials,
             Self::Clusters(hierarchy) => hierarchy.materials(),
         }
+    }
+
+    /// All vertices that are there.
+    pub fn vertices(&self) -> &VertexData {
+        match self {
+            Self::Vertices(hierarchy) => hierarchy.vertices(),
+            Self::Clusters(hierarchy) => hierarchy.vertices(),
+        }
+    }
+
+    /// What a triangle with this vertex looks like.
+    pub fn material(&self, vertex: u32) -> MaterialId {
+        let part = self.vertices().parts.get(vertex as usize).copied().unwrap_or(0);
+        self.materials()[usize::from(part)]
     }
 
     /// What encloses whatever is drawn of it.

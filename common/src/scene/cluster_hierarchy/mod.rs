@@ -322,6 +322,13 @@ impl ClusterHierarchy {
         record.bounds.around(Vec3::from(record.center))
     }
 
+    /// The same as they are stored.
+    #[inline]
+    pub fn packed_bounds(&self, group: GroupId) -> (Vec3, &PackedBounds) {
+        let record = &self.groups[group.index()].record;
+        (Vec3::from(record.center), &record.bounds)
+    }
+
     /// The box of [`ClusterHierarchy::bounds`].
     pub fn local_box(&self, group: GroupId) -> Aabb {
         let bounds = self.bounds(group);

@@ -18,7 +18,7 @@ use self::table::Table;
 use self::views::{VIEWS, View};
 use super::machine::Machine;
 use crate::camera::parse_point;
-use crate::commands::prepare::HowToPrepare;
+use crate::commands::prepare::{Form, HowToPrepare};
 use crate::files::{is_standard_output, write_json};
 use crate::lod::Subject;
 use crate::say::say;
@@ -42,6 +42,9 @@ pub struct Options {
     /// Most triangles of all objects together.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     triangles: u32,
+    /// What hierarchies are made of; more than one: each, one behind the other [default: as the package has them, or of vertices]
+    #[arg(long, value_name = "FORM", value_delimiter = ',')]
+    form: Vec<Form>,
     /// What of a split is held against the occluder.
     #[arg(long, value_name = "KIND", value_delimiter = ',', default_value = "link,cylinder,box,sphere")]
     bounds: Vec<Bounds>,
@@ -121,17 +124,19 @@ pub fn run(options: &Options) -> Result<()> {
         (names, _) => views::named(names)?,
     };
     let mut tables = Vec::new();
-    let mut subject: Option<(String, u32, Subject)> = None;
-    for view in views {
+    let mut subject: Option<(String, u32, Option<Form>, Subject)> = None;
+    let forms = || if options.form.is_empty() { vec![None] } else { options.form.iter().copied().map(Some).collect() };
+    for (view, form) in views.into_iter().flat_map(|view| forms().into_iter().map(move |form| (view, form))) {
         let view = view.from(options.eye, options.at);
         let scene = view.scene(options.scene.as_deref());
         // Views of one scene are next to each other: a planet is made once.
-        if subject.as_ref().is_none_or(|(of, copies, _)| (of, *copies) != (&scene, view.copies)) {
+        if subject.as_ref().is_none_or(|(of, copies, is, _)| (of, *copies, *is) != (&scene, view.copies, form)) {
             drop(subject.take());
-            subject = Some((scene.clone(), view.copies, view.open(&scene, &options.how.options()?)?));
+            subject = Some((scene.clone(), view.copies, form, view.open(&scene, &options.how.options()?, form)?));
         }
         let Some((.., subject)) = &subject else { continue };
         let name = Path::new(&scene).file_name().map_or(scene.clone(), |name| name.to_string_lossy().into_owned());
+        let name = form.map_or(name.clone(), |form| format!("{name} as {form:?}").to_lowercase());
         let table = Contest::new(options, &view, subject, gpu.as_ref())?.run(&name)?;
         if !is_piped {
             table.print();

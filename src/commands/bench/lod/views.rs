@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use glam::{DAffine3, DQuat, DVec3};
 use mullion_server::prepare::PrepareOptions;
-use mullion_server::prepare::lod::{LodOptions, add_vertex_hierarchies};
+use mullion_server::prepare::lod::add_vertex_hierarchies;
 
+use crate::commands::prepare::Form;
 use crate::files::open_named_scene;
 use crate::lod::{Look, Subject};
 use crate::progress::Progress;
@@ -114,12 +115,12 @@ impl View {
         }
     }
 
-    /// What is seen of a scene.
-    pub fn open(&self, scene: &str, options: &PrepareOptions) -> Result<Subject> {
+    /// What is seen of a scene, as hierarchies of a form; without one, as the package has them.
+    pub fn open(&self, scene: &str, options: &PrepareOptions, form: Option<Form>) -> Result<Subject> {
         let mut package = open_named_scene(scene, options)?;
-        if package.scene.vertex_hierarchies.is_none() {
+        if form.is_some() || package.scene.vertex_hierarchies.is_none() {
             let progress = Progress::new();
-            let added = add_vertex_hierarchies(&mut package, &LodOptions::default(), &|stage, done, total| {
+            let added = add_vertex_hierarchies(&mut package, &form.unwrap_or(Form::Vertices).options(), &|stage, done, total| {
                 progress.show(stage, done, total)
             });
             progress.finish();
