@@ -21,17 +21,17 @@ use mullion_common::wall::ViewId;
 use mullion_common::wire::{Budget, Detail, Moved, Primary, ViewSpec};
 use mullion_server::generate::{GeneratedScene, write_glb};
 use mullion_server::prepare::PrepareOptions;
-use mullion_server::prepare::lod::{LodOptions, add_vertex_hierarchies};
+use mullion_server::prepare::lod::{LodForm, LodOptions, add_vertex_hierarchies};
 use support::tiled::{TILE_PX, composite, differing, only, specs, wall};
 
 const TRIANGLES: u32 = 6000;
 
-fn package() -> Package {
+fn package(form: LodForm) -> Package {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("planet.glb");
     write_glb(format!("planet:{}", TRIANGLES / 2).parse::<GeneratedScene>().expect("a scene"), 1, &path).expect("written");
     let mut package = support::package(&path, &PrepareOptions::default());
-    add_vertex_hierarchies(&mut package, &LodOptions { block_vertices: 500, ..LodOptions::default() }, &|_, _, _| {})
+    add_vertex_hierarchies(&mut package, &LodOptions { block_vertices: 500, form, ..LodOptions::default() }, &|_, _, _| {})
         .expect("it has triangles");
     package
 }
@@ -110,26 +110,32 @@ fn all_tiles_show_one_surface() {
         return;
     }
     let gpu = Gpu::open(GpuOptions::default()).expect("a GPU");
-    let package = package();
+    let fewer = one_surface(&gpu, &package(LodForm::Vertices));
+    assert!(fewer > 100, "what is hidden is not drawn as finely: {fewer} triangles fewer");
+    one_surface(&gpu, &package(LodForm::Clusters));
+}
+
+/// How many triangles fewer are drawn where what is hidden may be coarse.
+fn one_surface(gpu: &Arc<Gpu>, package: &Package) -> u64 {
     let (tiled, whole) = (wall(2), wall(1));
     let (of_tiled, of_whole) = (specs(&tiled), specs(&whole));
-    let mut plain = Node::new(&gpu, &package, &of_tiled, 0);
-    let mut plain_whole = Node::new(&gpu, &package, &of_whole, 0);
-    let mut one = Node::new(&gpu, &package, &of_whole, usize::MAX);
-    let mut together = Node::new(&gpu, &package, &of_tiled, usize::MAX);
+    let mut plain = Node::new(gpu, package, &of_tiled, 0);
+    let mut plain_whole = Node::new(gpu, package, &of_whole, 0);
+    let mut one = Node::new(gpu, package, &of_whole, usize::MAX);
+    let mut together = Node::new(gpu, package, &of_tiled, usize::MAX);
     let mut apart: Vec<Option<Node<'_>>> =
-        of_tiled.iter().map(|view| Some(Node::new(&gpu, &package, std::slice::from_ref(view), usize::MAX))).collect();
+        of_tiled.iter().map(|view| Some(Node::new(gpu, package, std::slice::from_ref(view), usize::MAX))).collect();
     apart[3] = None;
     let (mut fewer, mut wrong, mut rounded, mut at_seams) = (0, 0, 0, 0);
     for frame in 0..12 {
         // Nodes skip frames. The last one comes where the others draw their occluders anew, and another misses one frame of them all.
         let number = frame * 3;
         if number == 18 {
-            apart[3] = Some(Node::new(&gpu, &package, &of_tiled[3..], usize::MAX));
+            apart[3] = Some(Node::new(gpu, package, &of_tiled[3..], usize::MAX));
         }
         let triangles = [Some(1200), Some(2500), None][frame as usize % 3];
         let detail = Detail { triangles, least_pixels: if triangles.is_some() { 0.0 } else { 1.0 }, hides: true };
-        let room = room(&package, frame);
+        let room = room(package, frame);
         let (tiles, _) = together.draw(number, room, Some(detail));
         let (own, drawn) = one.draw(number, room, Some(detail));
         assert!(drawn <= u64::from(triangles.unwrap_or(TRIANGLES - 1)), "{drawn} of {triangles:?}");
@@ -139,7 +145,7 @@ fn all_tiles_show_one_surface() {
             assert!(own[&view.tile_name] == tiles[&view.tile_name], "{} in frame {number}", view.tile_name);
         }
         if triangles.is_none() {
-            let mut seen = Node::new(&gpu, &package, &of_whole, usize::MAX);
+            let mut seen = Node::new(gpu, package, &of_whole, usize::MAX);
             let (_, without) = seen.draw(number, room, Some(Detail { hides: false, ..detail }));
             fewer += without.saturating_sub(drawn);
         }
@@ -156,7 +162,7 @@ fn all_tiles_show_one_surface() {
     assert!(wrong <= 2 * rounded + 20, "{wrong} pixels differ, {rounded} where all is drawn");
     // A crack or a step is as long as a seam: tens of pixels in each frame.
     assert!(at_seams <= 24, "{at_seams} pixels differ next to seams");
-    assert!(fewer > 100, "what is hidden is not drawn as finely: {fewer} triangles fewer");
+    fewer
 }
 
 /// As fine as it goes, a hierarchy is its mesh; and an object that moved is drawn where it is.
@@ -166,12 +172,15 @@ fn the_finest_cut_is_the_mesh() {
         return;
     }
     let gpu = Gpu::open(GpuOptions::default()).expect("a GPU");
-    let package = package();
+    [LodForm::Vertices, LodForm::Clusters].map(package).iter().for_each(|package| finest_is_mesh(&gpu, package));
+}
+
+fn finest_is_mesh(gpu: &Arc<Gpu>, package: &Package) {
     let of_tiled = specs(&wall(2));
-    let mut plain = Node::new(&gpu, &package, &of_tiled, 0);
+    let mut plain = Node::new(gpu, package, &of_tiled, 0);
     for occlusion in [Occlusion::Off, Occlusion::Paper, Occlusion::Query, Occlusion::Hiz] {
-        let mut fine = Node::culling(&gpu, &package, (&of_tiled, usize::MAX), occlusion);
-        let mut base = Node::culling(&gpu, &package, (&of_tiled, 1), occlusion);
+        let mut fine = Node::culling(gpu, package, (&of_tiled, usize::MAX), occlusion);
+        let mut base = Node::culling(gpu, package, (&of_tiled, 1), occlusion);
         let detail = Detail { triangles: Some(u32::MAX), least_pixels: 0.0, hides: false };
         let home = package.scene.manifest.transforms[0];
         let aside = DAffine3::from_scale_rotation_translation(DVec3::splat(0.5), DQuat::from_rotation_y(0.3), DVec3::X * 2.0);
@@ -179,7 +188,7 @@ fn the_finest_cut_is_the_mesh() {
             for node in [&mut plain, &mut fine, &mut base] {
                 node.painter.set_transform(&Moved { object: ObjectId(0), transform }).expect("moved");
             }
-            let room = room(&package, 3);
+            let room = room(package, 3);
             let (exact, _) = plain.draw(frame, room, None);
             let (found, _) = fine.draw(frame, room, Some(detail));
             for (tile, picture) in &exact {
@@ -196,8 +205,8 @@ fn the_finest_cut_is_the_mesh() {
         }
         // Given up, its leaves are drawn: here there are none.
         fine.painter.forget_hierarchy(0).expect("forgotten");
-        assert_eq!(fine.draw(9, room(&package, 3), Some(detail)).1, 0);
+        assert_eq!(fine.draw(9, room(package, 3), Some(detail)).1, 0);
         // And without an order, whatever has come.
-        assert_eq!(base.draw(9, room(&package, 3), None).1, 0);
+        assert_eq!(base.draw(9, room(package, 3), None).1, 0);
     }
 }

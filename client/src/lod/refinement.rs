@@ -253,7 +253,10 @@ impl Refinement {
                 }
                 misfits = 0;
                 self.triangle_count += added;
-                self.steps += self.needed.len() as u32;
+                self.steps += match hierarchy {
+                    Hierarchy::Vertices(_) => self.needed.len() as u32,
+                    Hierarchy::Clusters(_) => added / 2,
+                };
                 let chosen = &mut self.chosen[object];
                 self.needed.drain(..).for_each(|step| chosen.put(step));
             }
@@ -427,7 +430,7 @@ impl Refinement {
         self.chosen.get(object).is_some_and(|chosen| chosen.standing != Standing::Beyond)
     }
 
-    /// Steps beyond the bases.
+    /// Splits beyond the bases. A group of clusters counts as many as add its triangles.
     pub fn steps(&self) -> u32 {
         self.steps
     }
