@@ -253,7 +253,8 @@ fn ways_to_cull_what_is_hidden_are_held_against_frustum_culling() {
 
 #[test]
 fn level_of_detail_is_measured_without_occlusion_and_with() {
-    let report = level_of_detail("organic", &["--triangles", "2000", "--size", "128", "--frames", "2", "--bounds", "link,cylinder"]);
+    let report =
+        level_of_detail("organic", &["--triangles", "2000", "--size", "128", "--frames", "2", "--bounds", "link,cylinder"]);
     let table = &report["tables"][0];
     assert_eq!((table["triangles"].as_u64(), table["budget"].as_u64()), (Some(345_944), Some(2000)));
     let ways = table["ways"].as_array().expect("ways");

@@ -10,14 +10,15 @@
 
 mod course;
 mod cut;
+mod kept;
 mod node;
 mod occluder;
 mod refinement;
 mod sight;
 mod sparse;
 
-pub use course::OccluderCourse;
 pub use cut::Cut;
+pub use kept::KeptOccluder;
 pub use occluder::{BoundsKind, DepthOccluder};
 pub use refinement::{Hidden, LodOptions, Occluder, OccluderFrom, Refinement};
 pub use sight::{LodSight, NodeSight};
