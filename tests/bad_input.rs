@@ -246,6 +246,12 @@ fn arguments_that_cannot_be() {
         let with = |options: &[&'static str]| [&command[..], options].concat();
         refused(&with(&["--pixel-error", "0"]), &["--pixel-error 0", "--lod-triangles"]);
         refused(&with(&["--no-lod-occlusion"]), &["--no-lod-occlusion", "--pixel-error"]);
+        refused(&with(&["--lod-weight", "plenty"]), &["--lod-weight", "plenty", "nohc"]);
+        for options in [&[][..], &["--pixel-error", "1.0"]] {
+            refused(&with(&[options, &["--lod-weight", "nohc"]].concat()), &["--lod-weight", "--lod-triangles"]);
+        }
+        let blind = ["--lod-triangles", "900", "--no-lod-occlusion", "--lod-weight", "nohc"];
+        refused(&with(&blind), &["--lod-weight", "--no-lod-occlusion"]);
         for options in
             [&["--pixel-error", "1.0"][..], &["--lod-triangles", "900"], &["--pixel-error", "0", "--lod-triangles", "900"]]
         {

@@ -14,15 +14,15 @@ use mullion_client::node::{self, NodeError, NodeOptions, NodeReport, PaintError}
 use mullion_client::tile_session::FrameToDraw;
 use mullion_common::scene::{Hierarchy, ObjectId, Package, VertexHierarchy};
 use mullion_common::wall::WallConfig;
-use mullion_common::wire::Detail;
+use mullion_common::wire::{Detail, DetailWeight};
 use mullion_server::service::{ServiceError, Show, ShowOptions, run as run_show};
 use support::masters::{LIMIT, NODES, serve};
 use support::mullion;
 use support::painter::{Blank, Witness};
 use tokio::sync::watch;
 
-const OPTIONS: [&str; 4] = ["--pixel-error", "1.5", "--lod-triangles", "9000"];
-const DETAIL: Detail = Detail { triangles: Some(9000), least_pixels: 1.5, hides: true };
+const OPTIONS: [&str; 6] = ["--pixel-error", "1.5", "--lod-triangles", "9000", "--lod-weight", "nohc"];
+const DETAIL: Detail = Detail { triangles: Some(9000), least_pixels: 1.5, hides: true, weight: DetailWeight::Nohc };
 const WALL: &str = "[grid]\ncolumns = 2\nrows = 2\ntile_px = [64, 48]\ntile_m = [0.4, 0.3]\n";
 /// Frames after which none of a master that was killed is on its way.
 const SURELY_OF_THE_NEXT: usize = 30;
@@ -131,7 +131,7 @@ fn the_detail_outlives_the_master_and_is_for_those_who_come_late_too() {
 fn a_show_whose_detail_cannot_be_does_not_begin() {
     let wall = Arc::new(WallConfig::parse(WALL).expect("a wall"));
     let refusal = |triangles: Option<u32>, least_pixels: f32| {
-        let detail = Some(Detail { triangles, least_pixels, hides: true });
+        let detail = Some(Detail { triangles, least_pixels, ..Detail::default() });
         let show = Show {
             options: ShowOptions { detail, frames: Some(1), ..ShowOptions::for_wall(&wall) },
             wall: Arc::clone(&wall),

@@ -18,7 +18,7 @@ use mullion_client::tile_session::{FrameToDraw, ViewToDraw};
 use mullion_common::scene::{ChunkId, ObjectId, Package};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
-use mullion_common::wire::{Budget, Detail, Moved, Primary, ViewSpec};
+use mullion_common::wire::{Budget, Detail, DetailWeight, Moved, Primary, ViewSpec};
 use mullion_server::generate::{GeneratedScene, write_glb};
 use mullion_server::prepare::PrepareOptions;
 use mullion_server::prepare::lod::{LodForm, LodOptions, add_vertex_hierarchies};
@@ -134,7 +134,12 @@ fn one_surface(gpu: &Arc<Gpu>, package: &Package) -> u64 {
             apart[3] = Some(Node::new(gpu, package, &of_tiled[3..], usize::MAX));
         }
         let triangles = [Some(1200), Some(2500), None][frame as usize % 3];
-        let detail = Detail { triangles, least_pixels: if triangles.is_some() { 0.0 } else { 1.0 }, hides: true };
+        let detail = Detail {
+            triangles,
+            least_pixels: if triangles.is_some() { 0.0 } else { 1.0 },
+            hides: true,
+            weight: DetailWeight::Nohc,
+        };
         let room = room(package, frame);
         let (tiles, _) = together.draw(number, room, Some(detail));
         let (own, drawn) = one.draw(number, room, Some(detail));
@@ -181,7 +186,7 @@ fn finest_is_mesh(gpu: &Arc<Gpu>, package: &Package) {
     for occlusion in [Occlusion::Off, Occlusion::Paper, Occlusion::Query, Occlusion::Hiz] {
         let mut fine = Node::culling(gpu, package, (&of_tiled, usize::MAX), occlusion);
         let mut base = Node::culling(gpu, package, (&of_tiled, 1), occlusion);
-        let detail = Detail { triangles: Some(u32::MAX), least_pixels: 0.0, hides: false };
+        let detail = Detail { triangles: Some(u32::MAX), ..Detail::default() };
         let home = package.scene.manifest.transforms[0];
         let aside = DAffine3::from_scale_rotation_translation(DVec3::splat(0.5), DQuat::from_rotation_y(0.3), DVec3::X * 2.0);
         for (frame, transform) in (0..).zip([home, (home.affine() * aside).into(), home]) {

@@ -12,9 +12,7 @@ use mullion_common::wall::Projection;
 use mullion_common::wire::{Detail, Primary, ViewSpec};
 
 use crate::gpu::{CutObject, GpuError, Renderer};
-use crate::lod::{
-    BoundsKind, DepthOccluder, LodObject, LodOptions, LodSight, Occluder, OccluderCourse, OccluderFrom, Refinement,
-};
+use crate::lod::{BoundsKind, DepthOccluder, KeptOccluder, LodObject, LodOptions, LodSight, Refinement};
 use crate::tile_session::FrameToDraw;
 
 /// Width and height of the occluder's picture: of the whole wall, whatever its shape.
@@ -36,8 +34,7 @@ pub(crate) struct Detailing {
     /// Leaves of all parts, if they are the same as when that was found.
     covered: Option<VisibleSet>,
     refinement: Refinement,
-    occluder: Option<DepthOccluder>,
-    course: OccluderCourse,
+    occluder: Option<KeptOccluder>,
     /// Whether the cuts were found with an occluder of their own view, or nothing could hide.
     is_final: bool,
     /// By place of the view: the objects that are drawn by their cuts.
@@ -129,7 +126,9 @@ impl Detailing {
     fn note_parts(&mut self) {
         self.covered = None;
         self.refinement.forget();
-        self.course = OccluderCourse::default();
+        if let Some(occluder) = &mut self.occluder {
+            occluder.forget();
+        }
         self.has_changed = true;
     }
 
@@ -164,10 +163,10 @@ impl Detailing {
         }
         self.choose(renderer.transforms(), specs, frame, drawn);
         let is_known = self.found.as_ref().is_some_and(|(eye, of, by)| (eye, of, by) == (&frame.shared_eye, primary, detail));
-        let from = self.course.at(frame.number);
-        let is_found = is_known && !self.has_changed && (self.is_final || from != Some(OccluderFrom::ThisFrame));
+        let has_turn = self.occluder.as_ref().is_none_or(|occluder| occluder.has_turn(frame.number));
+        let is_found = is_known && !self.has_changed && (self.is_final || !has_turn);
         if !is_found {
-            self.refine(renderer.transforms(), frame, (primary, detail), from);
+            self.refine(renderer.transforms(), frame, (primary, detail));
         }
         if !is_found || self.named != self.staged {
             let objects = self.parts.iter().zip(self.refinement.cuts()).filter_map(|(part, cut)| {
@@ -183,14 +182,8 @@ impl Detailing {
         Ok(())
     }
 
-    fn refine(
-        &mut self,
-        transforms: &[Transform],
-        frame: &FrameToDraw,
-        (primary, detail): (&Primary, &Detail),
-        from: Option<OccluderFrom>,
-    ) {
-        let objects: Vec<LodObject<'_>> = (self.parts.iter())
+    fn refine(&mut self, transforms: &[Transform], frame: &FrameToDraw, (primary, detail): (&Primary, &Detail)) {
+        let mut objects: Vec<LodObject<'_>> = (self.parts.iter())
             .filter_map(|part| {
                 Some(LodObject {
                     hierarchy: self.hierarchies[part.hierarchy].as_ref()?,
@@ -215,17 +208,18 @@ impl Detailing {
         };
         // A wall that looks all around has no picture of its own: nothing is taken to be hidden.
         let projection = if detail.hides { Projection::within(frame.shared_eye, &primary.planes, NEAR_M) } else { None };
-        let occluder = projection.zip(from).map(|(projection, from)| {
-            let occluder = self.occluder.get_or_insert_with(|| DepthOccluder::new(OCCLUDER_PX, BoundsKind::default()));
-            let from = if occluder.look(&projection) { from } else { OccluderFrom::ThisFrame };
-            (occluder as &mut dyn Occluder, from)
-        });
-        let is_drawn = occluder.as_ref().is_some_and(|(_, from)| *from == OccluderFrom::ThisFrame);
-        self.is_final = projection.is_none() || is_drawn;
-        self.refinement.refine(&objects, &sight, &options, occluder);
-        if is_drawn {
-            self.course.note(frame.number, &self.refinement);
-        }
+        self.is_final = match &projection {
+            Some(projection) => {
+                let depths = || KeptOccluder::new(DepthOccluder::new(OCCLUDER_PX, BoundsKind::default()));
+                let view = (projection, frame.number);
+                let occluder = self.occluder.get_or_insert_with(depths);
+                occluder.refine(&mut self.refinement, &mut objects, (&sight, &options), view, detail.weight)
+            }
+            None => {
+                self.refinement.refine(&objects, &sight, &options, None);
+                true
+            }
+        };
         self.has_changed = false;
         match &mut self.found {
             Some((eye, of, by)) => {

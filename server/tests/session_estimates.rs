@@ -12,7 +12,9 @@ use mullion_common::scene::{BlobRef, ChunkHash, ObjectId, Presence, SectionKind,
 use mullion_common::throughput::{FIRST_TRIANGLES, LEAST_TRIANGLES};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Wall, WallConfig};
-use mullion_common::wire::{Detail, Estimate, Hello, Moved, Opening, Part, Primary, SectionRef, Steering, ToMaster, ToTile};
+use mullion_common::wire::{
+    Detail, DetailWeight, Estimate, Hello, Moved, Opening, Part, Primary, SectionRef, Steering, ToMaster, ToTile,
+};
 use mullion_server::master::{
     EstimateOptions, FrameInput, LATE_ANSWERS, Master, MasterOptions, Output, Pace, PeerId, REST_FRAMES, Spent, WallBudget,
 };
@@ -37,7 +39,7 @@ fn tessellation() -> SectionRef {
     SectionRef { kind: SectionKind::Tessellation, hash: ChunkHash([5; 32]), length: 99 }
 }
 
-const DETAIL: Detail = Detail { triangles: Some(700), least_pixels: 1.5, hides: true };
+const DETAIL: Detail = Detail { triangles: Some(700), least_pixels: 1.5, hides: true, weight: DetailWeight::Nohc };
 
 fn index() -> BlobRef {
     BlobRef { hash: ChunkHash([6; 32]), length: 44 }

@@ -3,8 +3,9 @@
 use std::fmt::Display;
 
 use anyhow::{Result, ensure};
+use clap::ValueEnum;
 use mullion_common::scene::Package;
-use mullion_common::wire::Detail;
+use mullion_common::wire::{Detail, DetailWeight};
 use mullion_server::service::ShowOptions;
 
 /// A level of detail for the wall, or all of it.
@@ -21,16 +22,58 @@ pub struct DetailOptions {
     /// Draw what others hide as finely as what is seen (with --pixel-error or --lod-triangles).
     #[arg(long)]
     no_lod_occlusion: bool,
+    /// What comes first in the triangles of --lod-triangles: none takes all objects alike, nohc those first of whose boxes more is seen.
+    #[arg(long, value_name = "WEIGHT", default_value = "none")]
+    lod_weight: LodWeight,
+}
+
+/// What objects weigh in a budget of triangles, as users write it.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LodWeight {
+    None,
+    Nohc,
+}
+
+impl LodWeight {
+    pub fn of_detail(self) -> DetailWeight {
+        match self {
+            Self::None => DetailWeight::None,
+            Self::Nohc => DetailWeight::Nohc,
+        }
+    }
 }
 
 impl DetailOptions {
+    /// Whether there is one.
+    pub fn is_set(&self) -> bool {
+        self.name().is_some()
+    }
+
+    /// As users write what was chosen.
+    pub fn name(&self) -> Option<&'static str> {
+        match (self.pixel_error, self.lod_triangles) {
+            (Some(_), _) => Some("--pixel-error"),
+            (None, Some(_)) => Some("--lod-triangles"),
+            (None, None) => None,
+        }
+    }
+
     /// Whether the options go together.
     ///
     /// # Errors
     /// When they ask for nothing.
     pub fn check(&self) -> Result<()> {
-        let is_set = self.detail().is_some();
-        ensure!(is_set || !self.no_lod_occlusion, "--no-lod-occlusion: give --pixel-error or --lod-triangles, too");
+        ensure!(self.is_set() || !self.no_lod_occlusion, "--no-lod-occlusion: give --pixel-error or --lod-triangles, too");
+        if self.lod_weight != LodWeight::None {
+            ensure!(
+                self.lod_triangles.is_some(),
+                "--lod-weight: give --lod-triangles, too: without it, all is as good as it should be"
+            );
+            ensure!(
+                !self.no_lod_occlusion,
+                "--lod-weight, --no-lod-occlusion: without occlusion nothing is known of what is seen"
+            );
+        }
         ensure!(
             self.pixel_error != Some(0.0) || self.lod_triangles.is_some(),
             "--pixel-error 0: no surface is wrong where all triangles are drawn, as they are without it; give more than 0, or --lod-triangles, too"
@@ -43,9 +86,9 @@ impl DetailOptions {
     /// # Errors
     /// When it has no hierarchies.
     pub fn check_scene(&self, package: &Package, scene: impl Display) -> Result<()> {
-        let option = if self.pixel_error.is_some() { "--pixel-error" } else { "--lod-triangles" };
+        let Some(option) = self.name() else { return Ok(()) };
         ensure!(
-            self.detail().is_none() || package.scene.hierarchies().is_some(),
+            package.scene.hierarchies().is_some(),
             "{option}: {scene} has no vertex hierarchies: prepare it with `mullion prepare --lod`"
         );
         Ok(())
@@ -57,9 +100,13 @@ impl DetailOptions {
     }
 
     fn detail(&self) -> Option<Detail> {
-        let Self { pixel_error, lod_triangles: triangles, no_lod_occlusion } = *self;
-        let is_set = pixel_error.is_some() || triangles.is_some();
-        is_set.then(|| Detail { triangles, least_pixels: pixel_error.unwrap_or(0.0), hides: !no_lod_occlusion })
+        let Self { pixel_error, lod_triangles: triangles, no_lod_occlusion, lod_weight } = *self;
+        self.is_set().then(|| Detail {
+            triangles,
+            least_pixels: pixel_error.unwrap_or(0.0),
+            hides: !no_lod_occlusion,
+            weight: lod_weight.of_detail(),
+        })
     }
 }
 

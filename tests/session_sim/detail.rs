@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 
 use mullion_client::tile_session::FrameToDraw;
 use mullion_common::scene::{BlobRef, ChunkHash, ChunkId, HierarchyIndex, IndexedHierarchy, ObjectId, SceneManifest};
-use mullion_common::wire::Detail;
+use mullion_common::wire::{Detail, DetailWeight};
 
-const DETAIL: Detail = Detail { triangles: Some(4000), least_pixels: 1.5, hides: true };
+const DETAIL: Detail = Detail { triangles: Some(4000), least_pixels: 1.5, hides: true, weight: DetailWeight::Nohc };
 /// The objects of each hierarchy. The scene's others have none.
 const OBJECTS_OF: [&[u32]; 3] = [&[1], &[3, 5], &[6]];
 /// How many blobs each has.

@@ -11,6 +11,7 @@
 mod cluster_cut;
 mod course;
 mod cut;
+mod kept;
 mod node;
 mod occluder;
 mod refinement;
@@ -20,8 +21,8 @@ mod steps;
 mod vertex_cut;
 
 pub use cluster_cut::ClusterCut;
-pub use course::OccluderCourse;
 pub use cut::Cut;
+pub use kept::KeptOccluder;
 pub use occluder::{BoundsKind, DepthOccluder};
 pub use refinement::{Hidden, LodOptions, Occluder, OccluderFrom, Refinement};
 pub use sight::{LodSight, NodeSight};

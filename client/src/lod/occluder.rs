@@ -1,13 +1,15 @@
 //! The occluder as depths in a small picture (section 3.1), drawn on the CPU: a question is answered at once, and every node of a wall gets
 //! the same answer.
 
-use glam::{Mat4, Vec3, Vec3Swizzles, Vec4, Vec4Swizzles};
+use glam::{DAffine3, DMat4, DVec3, Mat4, Vec3, Vec3Swizzles, Vec4, Vec4Swizzles};
+use mullion_common::geometry::Aabb;
 use mullion_common::scene::{Hierarchy, NodeBounds, VertexHierarchy, VertexId};
 use mullion_common::wall::Projection;
 
 use super::cut::Cut;
 use super::steps::StepId;
 use super::{Hidden, LodObject, Occluder};
+use crate::occlusion::unit::Footprint;
 
 /// Which of a node's bounds are asked about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,6 +29,8 @@ pub enum BoundsKind {
 const WIDER: f32 = 1.28;
 /// Of the angle by which such frames may be turned: about 8 degrees.
 const LEAST_COSINE: f64 = 0.99;
+/// Of a box's rows of pixels so many are looked at, or fewer than twice as many, and columns as far apart as these.
+const SHARE_ROWS: usize = 32;
 
 /// Depths in a picture, and of each 2×2, 4×4, … of its pixels the farthest.
 ///
@@ -226,6 +230,30 @@ impl Occluder for DepthOccluder {
 }
 
 impl DepthOccluder {
+    /// Of a box's pixels in the picture the share in which nothing was drawn before the box: of the Occlusion Unit's registers NOHC / PHC
+    /// (Bartz, Meißner, Hüttner 1999, section 6.2). 0 to 1; `None` where nothing was drawn yet, or the box has no pixels.
+    ///
+    /// What is inside the box hides nothing of it. Of a box of many rows not all pixels are looked at, but one of each square of them.
+    pub fn visible_share(&self, world_from_local: &DAffine3, local: &Aabb) -> Option<f32> {
+        let drawn = self.drawn?;
+        let wider = DMat4::from_scale(DVec3::new(1.0, 1.0, f64::from(WIDER)) / f64::from(WIDER));
+        let projection = Projection { clip_from_offset: wider * drawn.clip_from_offset, ..drawn };
+        let Level { width, height, near } = &self.levels[0];
+        let footprint = Footprint::of(&projection, [*width as u32, *height as u32], local, world_from_local);
+        // Depths are the near plane's distance over that of what is there.
+        let near_m = projection.clip_from_offset.w_axis.z as f32;
+        let step = (footprint.rows().len() / SHARE_ROWS).max(1);
+        let (mut visible, mut all) = (0u32, 0u32);
+        for y in footprint.rows().step_by(step) {
+            let row = &near[y as usize * width..][..*width];
+            for x in footprint.span(y).step_by(step) {
+                all += 1;
+                visible += u32::from(footprint.depth_at([x, y]) >= row[x as usize] * near_m);
+            }
+        }
+        (all > 0).then(|| visible as f32 / all as f32)
+    }
+
     /// Whether a point is before all that was drawn at its pixel.
     fn shows(&self, clip: Vec4) -> bool {
         let Level { width, height, near } = &self.levels[0];
@@ -312,7 +340,6 @@ fn fill((width, height): (usize, usize), near: &mut [f32], [a, b, c]: [Vec3; 3],
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DAffine3, DVec3};
     use mullion_common::scene::{
         BaseMesh, BlockParts, LinkShape, MaterialId, NodeAxis, NodeExtent, PackedBounds, Split, VertexData,
     };
@@ -477,6 +504,33 @@ mod tests {
         assert_eq!([within, beside, beyond].map(|ball| hides(&occluder, &ball)), [false, true, true]);
         occluder.look(&projection);
         assert_eq!([within, beside, beyond].map(|ball| hides(&occluder, &ball)), [false, false, true]);
+    }
+
+    /// Boxes that are not cubes, to the side of the middle, around the left edge of a square.
+    #[test]
+    fn a_box_is_seen_as_far_as_it_is_not_behind() {
+        let mut occluder = looking_ahead(BoundsKind::Box);
+        let share = |occluder: &DepthOccluder, x: f64, z: f64| {
+            let half = DVec3::new(0.6, 0.9, 0.3);
+            let middle = DVec3::new(x, -0.4, z);
+            occluder.visible_share(&DAffine3::from_translation(middle), &Aabb::of_points([-half, half]))
+        };
+        assert_eq!(share(&occluder, 0.0, -9.0), None, "nothing was drawn");
+        occluder.draw(&[], &[]);
+        assert_eq!(share(&occluder, 0.0, -9.0), Some(1.0), "before nothing");
+        let projection = occluder.projection.expect("it looks");
+        let wider = Mat4::from_scale(Vec3::new(WIDER.recip(), WIDER.recip(), 1.0));
+        occluder.clip_from_local.push(wider * projection.clip_from_local(&DAffine3::IDENTITY));
+        draw_square(&mut occluder, 5.0, [0.0, 1.0]);
+        let half = share(&occluder, 0.0, -9.0).expect("it has pixels");
+        assert!((half - 0.5).abs() < 0.15, "{half}");
+        assert_eq!(share(&occluder, 2.0, -9.0), Some(0.0), "behind it");
+        assert_eq!(share(&occluder, 2.0, -4.0), Some(1.0), "before it");
+        let through = share(&occluder, 2.0, -5.2).expect("it has pixels");
+        assert!((0.8..1.0).contains(&through), "its front is before it, one side goes on behind it: {through}");
+        assert_eq!(share(&occluder, -2.0, -9.0), Some(1.0), "beside it");
+        assert_eq!(share(&occluder, 0.2, -0.1), Some(1.0), "around the eye");
+        assert_eq!(share(&occluder, 0.2, 9.0), None, "behind the eye");
     }
 
     #[test]

@@ -49,7 +49,7 @@ pub struct Moved {
 /// As bytes after the tag: number u64, epoch u32, scene time f64, `world_from_room` 12 × f64 (three columns and the
 /// translation), shared eye 3 × f64, base `Option<u64>`, digest u64 of all that is dropped, where the wall looks as an `Option` of pixels per
 /// radian f32 and count of planes u32, the estimate as an `Option` of triangles u32 and complete u8, the detail as an `Option` of triangles `Option<u32>`, least
-/// pixels f32 and hides u8, view count u32, count of moved objects u32; for each of these planes: normal 3 × f64, offset f64; for each view: eye
+/// pixels f32, hides u8 and weight u8, view count u32, count of moved objects u32; for each of these planes: normal 3 × f64, offset f64; for each view: eye
 /// 3 × f64, budget `Option<u32>` triangles, `Option<u32>` microseconds, digest u64 of the whole set; for each view: the set of leaves removed, the set
 /// of leaves added (a set is a uvarint count, then per range the uvarint distance from one past the end of the range
 /// before, or from 0, and the uvarint length less one); in the same way what is dropped no more, and what is dropped; for each moved

@@ -25,6 +25,17 @@ pub struct Estimate {
     pub is_complete: bool,
 }
 
+/// By what the pixels of an object's errors count beside those of others, where a budget is not enough for all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "u8", try_from = "u8")]
+pub enum DetailWeight {
+    /// All alike.
+    #[default]
+    None,
+    /// By the share of the object's box that is seen: pixels in which nothing is nearer, of all that it covers.
+    Nohc,
+}
+
 /// How finely a frame draws what has vertex hierarchies. Visible sets stay what they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Detail {
@@ -34,6 +45,8 @@ pub struct Detail {
     pub least_pixels: f32,
     /// Whether what is hidden stays coarse.
     pub hides: bool,
+    /// Which objects come first. Where nothing hides, all count alike.
+    pub weight: DetailWeight,
 }
 
 impl Clone for Primary {
@@ -93,6 +106,27 @@ impl Primary {
             Ok(Self { pixels_per_radian, planes })
         } else {
             Err(WireError::NotFinite { what: "a plane of the primary frustum" })
+        }
+    }
+}
+
+impl From<DetailWeight> for u8 {
+    fn from(weight: DetailWeight) -> Self {
+        match weight {
+            DetailWeight::None => 0,
+            DetailWeight::Nohc => 1,
+        }
+    }
+}
+
+impl TryFrom<u8> for DetailWeight {
+    type Error = &'static str;
+
+    fn try_from(byte: u8) -> Result<Self, Self::Error> {
+        match byte {
+            0 => Ok(Self::None),
+            1 => Ok(Self::Nohc),
+            _ => Err("weight of the detail: neither 0 nor 1"),
         }
     }
 }

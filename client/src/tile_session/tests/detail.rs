@@ -2,7 +2,7 @@
 //! and one that is none costs its own object.
 
 use mullion_common::scene::{Filter, HierarchyIndex, IndexedHierarchy, TextureRef, Wrap};
-use mullion_common::wire::Primary;
+use mullion_common::wire::{DetailWeight, Primary};
 
 use super::*;
 
@@ -73,7 +73,7 @@ fn open_detailed(when_missing: WhenMissing, memory_bytes: u64) -> TileSession {
     session
 }
 
-const DETAIL: Detail = Detail { triangles: None, least_pixels: 1.0, hides: true };
+const DETAIL: Detail = Detail { triangles: None, least_pixels: 1.0, hides: true, weight: DetailWeight::None };
 
 /// A frame of such leaves, drawn in detail.
 fn in_detail(number: u64, leaves: &[(u32, u32)]) -> ToTile {

@@ -7,10 +7,11 @@ use anyhow::Result;
 use image::RgbaImage;
 use mullion_client::frame::Planner;
 use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
-use mullion_client::lod::{BoundsKind, DepthOccluder, LodOptions, LodSight, Occluder, OccluderCourse, OccluderFrom, Refinement};
+use mullion_client::lod::{BoundsKind, DepthOccluder, KeptOccluder, LodOptions, LodSight, Refinement};
 use mullion_common::scene::ObjectId;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
+use mullion_common::wire::DetailWeight;
 
 use super::Options;
 use super::table::{FineFigures, Table, WayFigures};
@@ -33,18 +34,18 @@ pub struct Contest<'a> {
 struct Way {
     bounds: Option<BoundsKind>,
     refinement: Refinement,
-    occluder: Option<DepthOccluder>,
-    course: OccluderCourse,
+    occluder: Option<KeptOccluder>,
+    weight: DetailWeight,
     figures: WayFigures,
 }
 
 impl Way {
-    fn new(name: String, bounds: Option<BoundsKind>, occluder_px: u32) -> Self {
+    fn new(name: String, bounds: Option<BoundsKind>, options: &Options) -> Self {
         Self {
             bounds,
             refinement: Refinement::new(),
-            occluder: bounds.map(|kind| DepthOccluder::new([occluder_px; 2], kind)),
-            course: OccluderCourse::default(),
+            occluder: bounds.map(|kind| KeptOccluder::new(DepthOccluder::new([options.occluder_px; 2], kind))),
+            weight: options.lod_weight.of_detail(),
             figures: WayFigures { name, ..WayFigures::default() },
         }
     }
@@ -58,15 +59,13 @@ impl Way {
             pixels_per_radian: look.pixels_per_radian,
             near_m: look.near_m as f32,
         };
-        let mut is_drawn = false;
-        let occluder = self.occluder.as_mut().zip(self.course.at(frame)).map(|(occluder, from)| {
-            let from = if occluder.look(&look.projection) { from } else { OccluderFrom::ThisFrame };
-            is_drawn = from == OccluderFrom::ThisFrame;
-            (occluder as &mut dyn Occluder, from)
-        });
-        self.refinement.refine(&subject.objects(), &sight, options, occluder);
-        if is_drawn {
-            self.course.note(frame, &self.refinement);
+        let (mut objects, refinement) = (subject.objects(), &mut self.refinement);
+        match &mut self.occluder {
+            Some(occluder) => {
+                let view = (&look.projection, frame);
+                occluder.refine(refinement, &mut objects, (&sight, options), view, self.weight);
+            }
+            None => refinement.refine(&objects, &sight, options, None),
         }
         start.elapsed()
     }
@@ -125,7 +124,7 @@ impl<'a> Contest<'a> {
     pub fn new(options: &'a Options, view: &'a View, subject: &'a Subject, gpu: Option<&Arc<Gpu>>) -> Result<Self> {
         let kinds = options.bounds.iter().map(|bounds| Some(bounds.kind()));
         let name = |kind: Option<BoundsKind>| kind.map_or("without".to_owned(), |kind| format!("{kind:?}").to_lowercase());
-        let ways = std::iter::once(None).chain(kinds).map(|kind| Way::new(name(kind), kind, options.occluder_px));
+        let ways = std::iter::once(None).chain(kinds).map(|kind| Way::new(name(kind), kind, options));
         let drawing = gpu.map(|gpu| Drawing::new(gpu, subject, [options.size; 2])).transpose()?;
         Ok(Self { options, view, subject, ways: ways.collect(), drawing, ids: subject.ids() })
     }
@@ -186,7 +185,7 @@ impl<'a> Contest<'a> {
     /// Refines until no surface is wrong by so many pixels.
     fn refine_finely(&mut self, look: &Look, whole: &Seen) -> Result<FineFigures> {
         let lod = self.lod_options(u32::MAX, self.options.pixel_error);
-        let mut way = Way::new(String::new(), self.ways.get(1).and_then(|way| way.bounds), self.options.occluder_px);
+        let mut way = Way::new(String::new(), self.ways.get(1).and_then(|way| way.bounds), self.options);
         way.refine(self.subject, look, &lod, 0);
         let seen = way.seen(self.subject, look, whole.size_px());
         Ok(FineFigures {

@@ -18,6 +18,7 @@ use self::table::Table;
 use self::views::{VIEWS, View};
 use super::machine::Machine;
 use crate::camera::parse_point;
+use crate::commands::detail::LodWeight;
 use crate::commands::prepare::{Form, HowToPrepare};
 use crate::files::{is_standard_output, write_json};
 use crate::lod::Subject;
@@ -54,6 +55,9 @@ pub struct Options {
     /// Ask about every other level only, as the paper does.
     #[arg(long)]
     odd_levels: bool,
+    /// What objects weigh in the budget where the occluder is asked: all alike (none), or as much of their boxes as is seen (nohc).
+    #[arg(long, value_name = "WEIGHT", default_value = "none")]
+    lod_weight: LodWeight,
     /// Width and height of the occluder's picture, pixels.
     #[arg(long, value_name = "PIXELS", default_value_t = 288, value_parser = clap::value_parser!(u32).range(8..=4096))]
     occluder_px: u32,

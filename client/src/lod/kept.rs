@@ -1,0 +1,82 @@
+//! An occluder over frames: drawn anew at its turns, kept between them, and what objects weigh by it.
+
+use mullion_common::wall::Projection;
+use mullion_common::wire::DetailWeight;
+
+use super::course::OccluderCourse;
+use super::{DepthOccluder, LodObject, LodOptions, LodSight, Occluder, OccluderFrom, Refinement};
+
+/// No object weighs less, however little of it is seen: what is known of that is an estimate.
+const LEAST_WEIGHT: f32 = 1.0 / 16.0;
+
+/// Depths, when they are drawn, and weights.
+#[derive(Debug)]
+pub struct KeptOccluder {
+    occluder: DepthOccluder,
+    course: OccluderCourse,
+    /// By object, as the last turn found them.
+    weights: Vec<f32>,
+}
+
+impl KeptOccluder {
+    /// One that nothing was drawn into.
+    pub fn new(occluder: DepthOccluder) -> Self {
+        Self { occluder, course: OccluderCourse::default(), weights: Vec::new() }
+    }
+
+    /// Whether a frame draws the occluder anew, as long as the view looks about the same way.
+    pub fn has_turn(&self, frame: u64) -> bool {
+        self.course.at(frame) == Some(OccluderFrom::ThisFrame)
+    }
+
+    /// Objects are others, or in another order: the next frame draws the occluder anew.
+    pub fn forget(&mut self) {
+        self.course = OccluderCourse::default();
+        self.weights.clear();
+    }
+
+    /// Refines a frame that is seen by a projection. Whether it drew the occluder.
+    ///
+    /// By [`DetailWeight::None`] objects keep the weights that they come with. By [`DetailWeight::Nohc`] they get others, which a frame that
+    /// draws the occluder finds after having refined as they came; then it refines once more. So what such a frame finds depends on no
+    /// frame before it, and the frames that follow find the same while nothing moves.
+    pub fn refine(
+        &mut self,
+        refinement: &mut Refinement,
+        objects: &mut [LodObject<'_>],
+        (sight, options): (&LodSight<'_>, &LodOptions),
+        (projection, frame): (&Projection, u64),
+        weight: DetailWeight,
+    ) -> bool {
+        let Self { occluder, course, weights } = self;
+        let from = course.at(frame);
+        let from = if occluder.look(projection) { from } else { from.and(Some(OccluderFrom::ThisFrame)) };
+        let is_drawn = from == Some(OccluderFrom::ThisFrame);
+        let weighs = weight == DetailWeight::Nohc;
+        if weighs && !is_drawn {
+            give(weights, objects);
+        }
+        refinement.refine(objects, sight, options, from.map(|from| (&mut *occluder as &mut dyn Occluder, from)));
+        if is_drawn {
+            course.note(frame, refinement);
+        }
+        if weighs && is_drawn {
+            weights.clear();
+            weights.extend(objects.iter().map(|object| weight_of(occluder, object)));
+            give(weights, objects);
+            // What is answered now is kept, like the picture.
+            occluder.look(projection);
+            refinement.refine(objects, sight, options, Some((occluder, OccluderFrom::EarlierFrame)));
+        }
+        is_drawn
+    }
+}
+
+fn weight_of(occluder: &DepthOccluder, object: &LodObject<'_>) -> f32 {
+    let share = occluder.visible_share(&object.world_from_local, &object.hierarchy.local_aabb());
+    share.map_or(1.0, |share| share.max(LEAST_WEIGHT))
+}
+
+fn give(weights: &[f32], objects: &mut [LodObject<'_>]) {
+    objects.iter_mut().zip(weights).for_each(|(object, weight)| object.weight = *weight);
+}
