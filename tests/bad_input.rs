@@ -236,6 +236,11 @@ fn arguments_that_cannot_be() {
         refused(&[&["serve", &wall, &scene, &a, "5", &b, "6"][..], &listen].concat(), &[&a, &b]);
         refused(&[&["serve", &wall, &scene, &a, "5"][..], &listen].concat(), &[&a, &scene, "no tessellation", "prepare --plp"]);
     }
+    let budget = [&["serve", &wall, &scene, "--quality", "budget"][..], &listen].concat();
+    let needed = ["--quality budget", &scene, "no tessellation", "mullion prepare --plp"];
+    refused(&budget, &[&needed[..], &["--budget-ms"]].concat());
+    refused(&[&budget[..], &["--budget-percent", "5"]].concat(), &[&needed[..], &["--budget-percent"]].concat());
+    refused(&[&budget[..], &["--rate", "0"]].concat(), &["--quality budget", "--budget-ms"]);
     for pixels in ["-1", "NaN", "inf", "few"] {
         refused(&[&["serve", &wall, &scene, "--pixel-error", pixels][..], &listen].concat(), &["--pixel-error", pixels]);
     }
@@ -246,6 +251,14 @@ fn arguments_that_cannot_be() {
         let with = |options: &[&'static str]| [&command[..], options].concat();
         refused(&with(&["--pixel-error", "0"]), &["--pixel-error 0", "--lod-triangles"]);
         refused(&with(&["--no-lod-occlusion"]), &["--no-lod-occlusion", "--pixel-error"]);
+        refused(&with(&["--quality", "best"]), &["--quality", "best", "exact"]);
+        for given in [["--budget-percent", "5"], ["--budget-ms", "5"], ["--lod-triangles", "900"], ["--pixel-error", "1.0"]] {
+            refused(&with(&[&["--quality", "exact"][..], &given].concat()), &["--quality exact", given[0]]);
+        }
+        let lod = ["--quality lod", &scene, "no vertex hierarchies", "mullion prepare --lod"];
+        refused(&with(&["--quality", "lod"]), &[&lod[..], &["--pixel-error"]].concat());
+        refused(&with(&["--quality", "lod", "--lod-triangles", "900"]), &[&lod[..], &["--lod-triangles"]].concat());
+        refused(&with(&["--quality", "lod", "--pixel-error", "0"]), &["--pixel-error 0", "--lod-triangles"]);
         refused(&with(&["--lod-weight", "plenty"]), &["--lod-weight", "plenty", "nohc"]);
         for options in [&[][..], &["--pixel-error", "1.0"]] {
             refused(&with(&[options, &["--lod-weight", "nohc"]].concat()), &["--lod-weight", "--lod-triangles"]);

@@ -67,15 +67,17 @@ fn the_budget_outlives_the_master_and_is_for_those_who_come_late_too() {
 #[test]
 fn a_node_that_hardly_needs_time_gets_all_there_is() {
     let (folder, tenth) = prepared();
-    let mut master = serve(folder.path(), "127.0.0.1:0", &["--budget-ms", "5"]);
-    let address = support::address_of(&mut master);
-    let node = Node::start(NODES[0], Part::Own, &[&address]);
-    let deadline = Instant::now() + LIMIT;
-    // It says that it takes a microsecond.
-    while order(&node, Instant::now()).0.triangles < 10 * tenth {
-        assert!(Instant::now() < deadline, "{:?}", node.last().estimate);
+    for options in [["--budget-ms", "5"], ["--quality", "budget"]] {
+        let mut master = serve(folder.path(), "127.0.0.1:0", &options);
+        let address = support::address_of(&mut master);
+        let node = Node::start(NODES[0], Part::Own, &[&address]);
+        let deadline = Instant::now() + LIMIT;
+        // It says that it takes a microsecond.
+        while order(&node, Instant::now()).0.triangles < 10 * tenth {
+            assert!(Instant::now() < deadline, "{:?}", node.last().estimate);
+        }
+        node.end();
     }
-    node.end();
 }
 
 #[test]

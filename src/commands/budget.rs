@@ -1,5 +1,9 @@
 //! What `serve` and `demo` may spend on a frame.
 
+use std::fmt::Display;
+
+use anyhow::{Result, ensure};
+use mullion_common::scene::Package;
 use mullion_server::service::{ShowBudget, ShowOptions};
 
 /// Longest time of a frame, milliseconds.
@@ -36,13 +40,31 @@ impl BudgetOptions {
         (options.budget, options.completes) = (self.budget(), !self.no_complete);
     }
 
+    /// Sets a budget of time, where none is set: more than 0 ms, at most [`MAX_MS`], which more is taken for.
+    pub fn set_ms(&mut self, ms: f64) {
+        self.budget_ms = Some(ms.min(MAX_MS));
+    }
+
+    /// Whether a scene has what a budget needs.
+    ///
+    /// # Errors
+    /// When it has no tessellation.
+    pub fn check_scene(&self, package: &Package, scene: impl Display) -> Result<()> {
+        let Some(option) = self.name() else { return Ok(()) };
+        ensure!(
+            package.scene.tessellation.is_some(),
+            "{option}: {scene} has no tessellation: prepare it with `mullion prepare --plp`"
+        );
+        Ok(())
+    }
+
     /// As users write what was chosen.
-    pub fn name(&self) -> &'static str {
-        match self.budget() {
-            Some(ShowBudget::Percent(_)) => "--budget-percent",
-            Some(ShowBudget::TimeUs(_)) => "--budget-ms",
-            Some(ShowBudget::Triangles(_)) | None => "--budget-triangles",
-        }
+    pub fn name(&self) -> Option<&'static str> {
+        self.budget().map(|budget| match budget {
+            ShowBudget::Triangles(_) => "--budget-triangles",
+            ShowBudget::Percent(_) => "--budget-percent",
+            ShowBudget::TimeUs(_) => "--budget-ms",
+        })
     }
 
     fn budget(&self) -> Option<ShowBudget> {

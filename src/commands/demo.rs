@@ -25,9 +25,8 @@ use mullion_server::prepare::plp::TessellateOptions;
 use mullion_server::service::{self, Rate, Show, ShowOptions, ShowReport};
 use tokio::sync::watch;
 
-use super::budget::BudgetOptions;
-use super::detail::DetailOptions;
 use super::prepare::{HowToPrepare, add_tessellation};
+use super::quality::QualityOptions;
 use crate::birdseye::{self, Flight};
 use crate::camera::PathSource;
 use crate::composite::WallLayout;
@@ -67,9 +66,7 @@ pub struct Options {
     #[arg(long, allow_negative_numbers = true, value_name = "THRESHOLD", value_parser = show::share_of_wall)]
     adaptive: Option<f64>,
     #[command(flatten)]
-    budget: BudgetOptions,
-    #[command(flatten)]
-    detail: DetailOptions,
+    quality: QualityOptions,
     /// Draw the scene from above into this file (PNG): the wall's frusta at the last frame shown in red, and in yellow the bounds of leaves
     /// in them that no tile drew. With --occlusion none all are drawn, and nothing is yellow.
     #[arg(long, value_name = "FILE")]
@@ -113,16 +110,16 @@ pub const GRID_HZ: f64 = 60.0;
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
-    options.detail.check()?;
     let wall = Arc::new(options.wall.open()?);
+    let quality = options.quality.chosen(wall.rate_hz())?;
     let layout = WallLayout::new(&wall)?;
     let path = PathSource::open(&options.path).context("--path")?;
     fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     options.birdseye.as_deref().map_or(Ok(()), birdseye::claim)?;
     let scene = scene_file(&options.scene, &options.out)?;
     let mut package = open_scene(&scene, &options.how.options()?)?;
-    options.detail.check_scene(&package, &options.scene)?;
-    if options.budget.is_set() && package.scene.tessellation.is_none() {
+    quality.check_hierarchies(&package, &options.scene)?;
+    if quality.has_budget() && package.scene.tessellation.is_none() {
         add_tessellation(&mut package, &TessellateOptions::default())?;
     }
     let package = Arc::new(package);
@@ -136,7 +133,7 @@ pub fn run(options: &Options) -> Result<()> {
     let listener = TcpListener::bind(("127.0.0.1", 0)).context("cannot listen on the loopback")?;
     let address = listener.local_addr()?.to_string();
     let started = Instant::now();
-    let master = start_master(listener, options, path.clone(), &wall, &package, &record, stopped.clone());
+    let master = start_master(listener, (options, &quality), path.clone(), &wall, &package, &record, stopped.clone());
     let feed = display.as_ref().map(Display::feed);
     let nodes: Vec<NodeThread> = wall
         .nodes()
@@ -199,7 +196,7 @@ pub fn grid_wall(grid: Grid, bezel_px: u32, rate_hz: f64) -> Result<Wall> {
 
 fn start_master(
     listener: TcpListener,
-    options: &Options,
+    (options, quality): (&Options, &QualityOptions),
     path: CameraPath,
     wall: &Arc<Wall>,
     package: &Arc<Package>,
@@ -215,8 +212,7 @@ fn start_master(
         rate: Rate::AsFastAsPossible,
         ..ShowOptions::for_wall(wall).starting_together(wall, START_WAIT)
     };
-    options.budget.apply_to(&mut show_options);
-    options.detail.apply_to(&mut show_options);
+    quality.apply_to(&mut show_options);
     let show = Show {
         wall: Arc::clone(wall),
         package: Arc::clone(package),

@@ -49,6 +49,11 @@ impl DetailOptions {
         self.name().is_some()
     }
 
+    /// Sets the pixels by which surfaces may be wrong, more than 0, where no level is set.
+    pub fn set_pixel_error(&mut self, pixels: f32) {
+        self.pixel_error = Some(pixels);
+    }
+
     /// As users write what was chosen.
     pub fn name(&self) -> Option<&'static str> {
         match (self.pixel_error, self.lod_triangles) {

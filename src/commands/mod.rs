@@ -12,6 +12,7 @@ pub mod load_nodes;
 pub mod loadtest;
 pub mod path;
 pub mod prepare;
+pub mod quality;
 pub mod replay;
 pub mod serve;
 pub mod steering;

@@ -10,9 +10,8 @@ use mullion_server::cull::Algorithm;
 use mullion_server::metrics::Metrics;
 use mullion_server::service::{self, FrameReport, MasterTls, NodeEvent, Rate, Security, Show, ShowOptions};
 
-use super::budget::BudgetOptions;
-use super::detail::DetailOptions;
 use super::prepare::HowToPrepare;
+use super::quality::QualityOptions;
 use super::steering::Steering;
 use crate::address::{DEFAULT_PORT, with_port};
 use crate::camera::PathSource;
@@ -59,9 +58,7 @@ pub struct Options {
     #[arg(long, allow_negative_numbers = true, value_name = "THRESHOLD", value_parser = show::share_of_wall)]
     adaptive: Option<f64>,
     #[command(flatten)]
-    budget: BudgetOptions,
-    #[command(flatten)]
-    detail: DetailOptions,
+    quality: QualityOptions,
     /// sweep, adaptive, adaptive-grouped, oh, fh, oh-plain or naive.
     #[arg(long, default_value = "sweep")]
     algorithm: Algorithm,
@@ -111,15 +108,10 @@ pub fn run(options: &Options) -> Result<()> {
     let security = options.security()?;
     options.report.as_deref().map_or(Ok(()), claim)?;
     options.steering.check(options.standby_of.as_deref())?;
-    options.detail.check()?;
+    let quality = options.quality.chosen(rate_hz)?;
     let package = Arc::new(open_scene(&options.scene, &options.how.options()?)?);
-    ensure!(
-        !options.budget.is_set() || package.scene.tessellation.is_some(),
-        "{}: {} has no tessellation: prepare it with `mullion prepare --plp`",
-        options.budget.name(),
-        options.scene.display()
-    );
-    options.detail.check_scene(&package, options.scene.display())?;
+    quality.check_tessellation(&package, options.scene.display())?;
+    quality.check_hierarchies(&package, options.scene.display())?;
     let listener = TcpListener::bind(options.listen).with_context(|| format!("cannot listen on {}", options.listen))?;
     let address = listener.local_addr()?;
     if options.insecure && !address.ip().is_loopback() {
@@ -140,8 +132,7 @@ pub fn run(options: &Options) -> Result<()> {
     show_options.frames = options.frames;
     show_options.standby_of = options.standby_of.as_deref().map(with_port);
     show_options.adaptive = options.adaptive;
-    options.budget.apply_to(&mut show_options);
-    options.detail.apply_to(&mut show_options);
+    quality.apply_to(&mut show_options);
     show_options.insert_from = options.steering.packages()?;
     show_options.rate = if rate_hz == 0.0 { Rate::AsFastAsPossible } else { Rate::Hz(rate_hz) };
     show_options.barrier_wait = Duration::from_secs_f64(barrier_ms / 1000.0);

@@ -312,12 +312,12 @@ fn less_of_a_budget_goes_where_half_is_hidden() {
     let show = |frames: std::ops::Range<u64>, weight: DetailWeight| {
         let mut occluder = KeptOccluder::new(DepthOccluder::new([256; 2], BoundsKind::Link));
         let mut refinement = Refinement::new();
-        let mut drawn = |frame: u64| {
+        let drawn = |frame: u64| {
             let sight = looking(DVec3::ZERO);
             occluder.refine(&mut refinement, &mut objects.clone(), (&sight, &options), (&projection, frame), weight);
             [0, 1].map(|at: usize| refinement.cuts()[at].triangle_count())
         };
-        frames.map(|frame| drawn(frame)).collect::<Vec<_>>()
+        frames.map(drawn).collect::<Vec<_>>()
     };
     let (alike, weighed) = (show(0..1, DetailWeight::None), show(0..20, DetailWeight::Nohc));
     let share = |[whole, half]: [u32; 2]| f64::from(half) / f64::from(whole);
