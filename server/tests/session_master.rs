@@ -193,12 +193,16 @@ fn a_liar_and_a_stranger_are_told_why() {
     assert_eq!(closed(&outputs(&mut master), A), Some(ByeCode::Malformed));
 
     let mut bytes = Vec::new();
-    hello("t0x0").encode_as_version(9, &mut bytes).unwrap();
+    hello("t0x0").encode_as_version(PROTOCOL_VERSION + 1, &mut bytes).unwrap();
     master.handle_connected(B, ms(2));
     master.handle_body(B, body_of(&bytes), ms(2));
     let [ToTile::Bye(bye)] = &sent(&outputs(&mut master), B)[..] else { panic!("no goodbye") };
     assert_eq!(bye.code, ByeCode::VersionMismatch);
-    assert!(bye.reason.contains("version 9") && bye.reason.contains(&format!("version {PROTOCOL_VERSION}")), "{bye}");
+    assert!(
+        bye.reason.contains(&format!("version {}", PROTOCOL_VERSION + 1))
+            && bye.reason.contains(&format!("version {PROTOCOL_VERSION}")),
+        "{bye}"
+    );
 }
 
 #[test]
