@@ -44,7 +44,9 @@ pub(super) struct Likelihood {
 /// Valid once its cell was reached in this frame.
 #[derive(Clone, Copy, Debug, Default)]
 struct Lit {
-    /// Solid angle of the faces that light comes in by.
+    /// Solid angles of its faces: above 0 where light goes out.
+    angles: [f32; 4],
+    /// Of the faces that light comes in by.
     all: f32,
     /// Light times solid angle, so far.
     came: f32,
@@ -75,9 +77,10 @@ impl Likelihood {
     }
 
     /// All light comes to a cell.
-    pub fn seed(&mut self, cells: &mut Cells, cell: CellId) {
+    pub fn seed(&mut self, cells: &mut Cells, tessellation: &Tessellation, cell: CellId) {
         cells.set(cell, CellMark::Reached);
-        self.cells[cell.index()] = Lit { all: 1.0, came: 1.0, brightest: 1.0, ..Lit::default() };
+        let angles = solid_angles(&cells.sight.corners_from_eye(tessellation, cell));
+        self.cells[cell.index()] = Lit { angles, all: 1.0, came: 1.0, brightest: 1.0, ..Lit::default() };
         cells.front.enqueue(cell, -1.0);
     }
 
@@ -86,9 +89,10 @@ impl Likelihood {
         cells.set(id, CellMark::Projected);
         let from_eye = cells.sight.corners_from_eye(tessellation, id);
         let cell = tessellation.cell(id);
-        let light = self.cells[id.index()].light();
+        let lit = &self.cells[id.index()];
+        let (light, angles) = (lit.light(), lit.angles);
         let view = from_eye[0] + from_eye[1] + from_eye[2] + from_eye[3];
-        for (k, angle) in solid_angles(&from_eye).into_iter().enumerate() {
+        for (k, angle) in angles.into_iter().enumerate() {
             let Some(beyond) = cell.neighbours[k].get() else { continue };
             if angle > 0.0 && cells.is_in_sight(tessellation, beyond) && cells.mark(beyond) != CellMark::Projected {
                 let out = face(&from_eye, k).0;
@@ -159,15 +163,15 @@ impl Likelihood {
     fn shine(&mut self, cells: &mut Cells, tessellation: &Tessellation, cell: CellId, angle: f32, light: f32) {
         if cells.mark(cell) != CellMark::Reached {
             cells.set(cell, CellMark::Reached);
-            let from_eye = cells.sight.corners_from_eye(tessellation, cell);
+            let angles = solid_angles(&cells.sight.corners_from_eye(tessellation, cell));
             let neighbours = tessellation.cell(cell).neighbours;
             let mut all = f32::MIN_POSITIVE;
-            for (before, angle) in neighbours.into_iter().zip(solid_angles(&from_eye)) {
+            for (before, angle) in neighbours.into_iter().zip(angles) {
                 if angle < 0.0 && before.get().is_some_and(|before| cells.is_in_sight(tessellation, before)) {
                     all -= angle;
                 }
             }
-            self.cells[cell.index()] = Lit { all, ..Lit::default() };
+            self.cells[cell.index()] = Lit { angles, all, ..Lit::default() };
         }
         let lit = &mut self.cells[cell.index()];
         lit.came = (lit.came + angle * light).min(lit.all);

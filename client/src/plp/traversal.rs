@@ -149,7 +149,7 @@ impl Traversal {
     fn seed(&mut self, tessellation: &Tessellation, cell: CellId) {
         match self.solidity {
             Solidity::Paper => self.paper.seed(&mut self.cells, tessellation, cell),
-            Solidity::Likelihood => self.likelihood.seed(&mut self.cells, cell),
+            Solidity::Likelihood => self.likelihood.seed(&mut self.cells, tessellation, cell),
         }
     }
 
