@@ -7,7 +7,11 @@ use super::sight::LocalSight;
 use super::{LodObject, LodSight};
 use crate::plp::{Frame, Sight, Solidity, Traversal};
 
-/// What is as likely seen is taken to be seen (`mullion bench lod --lod-weight plp`): a number of triangles is too few for one scene and all of another.
+/// Triangles are looked at as in a picture so many times as wide and high: of meshes that are simplified most are smaller than a pixel, and
+/// hardly likely to have one. As they are, of objects that are far nothing is taken to be seen; in a finer picture yet near ones lose.
+const FINER: f32 = 4.0;
+/// What is as likely seen there is taken to be seen (`mullion bench lod --lod-weight plp`): a number of triangles is too few for one scene and
+/// all of another.
 const LEAST_LIKELY: f32 = 0.25;
 /// Of that so many triangles, for the time that it takes.
 const MOST_TRIANGLES: u32 = 1 << 18;
@@ -61,7 +65,8 @@ impl Weigher {
             weighed.push(Weighed { sight: LocalSight::new(sight, object), all: 0, seen: 0 });
         }
         let LodSight { eye, planes, pixels_per_radian, .. } = *sight;
-        let frame = Frame { tessellation, scene, sight: Sight { eye, planes, pixels_per_radian } };
+        let sight = Sight { eye, planes, pixels_per_radian: pixels_per_radian * FINER };
+        let frame = Frame { tessellation, scene, sight };
         traversal.begin(&frame, Solidity::default());
         traversal.project_likely(&frame, MOST_TRIANGLES, LEAST_LIKELY);
         for (place, leaf) in (0..).zip(tessellation.leaves()) {
