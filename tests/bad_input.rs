@@ -259,9 +259,11 @@ fn arguments_that_cannot_be() {
         refused(&with(&["--quality", "lod"]), &[&lod[..], &["--pixel-error"]].concat());
         refused(&with(&["--quality", "lod", "--lod-triangles", "900"]), &[&lod[..], &["--lod-triangles"]].concat());
         refused(&with(&["--quality", "lod", "--pixel-error", "0"]), &["--pixel-error 0", "--lod-triangles"]);
-        refused(&with(&["--lod-weight", "plenty"]), &["--lod-weight", "plenty", "nohc"]);
+        refused(&with(&["--lod-weight", "plenty"]), &["--lod-weight", "plenty", "nohc", "plp"]);
         for options in [&[][..], &["--pixel-error", "1.0"]] {
-            refused(&with(&[options, &["--lod-weight", "nohc"]].concat()), &["--lod-weight", "--lod-triangles"]);
+            for weight in ["nohc", "plp"] {
+                refused(&with(&[options, &["--lod-weight", weight]].concat()), &["--lod-weight", "--lod-triangles"]);
+            }
         }
         let blind = ["--lod-triangles", "900", "--no-lod-occlusion", "--lod-weight", "nohc"];
         refused(&with(&blind), &["--lod-weight", "--no-lod-occlusion"]);
@@ -271,6 +273,8 @@ fn arguments_that_cannot_be() {
             refused(&with(options), &[options[0], &scene, "no vertex hierarchies", "mullion prepare --lod"]);
         }
     }
+    let weighed = [&["serve", &wall, &scene, "--lod-triangles", "900", "--lod-weight", "plp"][..], &listen].concat();
+    refused(&weighed, &["--lod-weight plp", &scene, "no tessellation", "mullion prepare --plp"]);
     refused(&["serve", &wall], &["SCENE"]);
     refused(&["prepare", &scene, "--out", &folder.path("x"), "--leaf-triangles", "0"], &["--leaf-triangles"]);
     refused(&["generate", "village", "--out", &folder.path("x.glb")], &["village", "city"]);

@@ -271,6 +271,18 @@ fn level_of_detail_is_measured_without_occlusion_and_with() {
     assert!(table["fine"]["error"]["p99_px"].as_f64().is_some_and(|px| px < 1.5), "{}", table["fine"]);
 }
 
+/// A scene without a tessellation gets one, and a budget goes where more is likely seen: in a row, to the first.
+#[test]
+fn level_of_detail_by_estimates_is_measured() {
+    let visible = |weight: &str| {
+        let view = ["--view", "armadillo-group", "--triangles", "2000", "--size", "256", "--frames", "1", "--bounds", "link"];
+        let report = level_of_detail("organic", &[&view[..], &["--lod-weight", weight]].concat());
+        report["tables"][0]["ways"][1]["visible"][0].as_u64().expect("a number")
+    };
+    let [alike, by_estimates] = ["none", "plp"].map(visible);
+    assert!(by_estimates > alike, "{alike}, {by_estimates}");
+}
+
 /// Refined until surfaces are wrong by a pixel at most, pictures are off by little more, whatever the model.
 #[test]
 fn pictures_are_as_good_as_the_pixels_that_are_asked_for() {

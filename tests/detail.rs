@@ -130,10 +130,9 @@ fn the_detail_outlives_the_master_and_is_for_those_who_come_late_too() {
 #[test]
 fn a_show_whose_detail_cannot_be_does_not_begin() {
     let wall = Arc::new(WallConfig::parse(WALL).expect("a wall"));
-    let refusal = |triangles: Option<u32>, least_pixels: f32| {
-        let detail = Some(Detail { triangles, least_pixels, ..Detail::default() });
+    let refused = |detail: Detail| {
         let show = Show {
-            options: ShowOptions { detail, frames: Some(1), ..ShowOptions::for_wall(&wall) },
+            options: ShowOptions { detail: Some(detail), frames: Some(1), ..ShowOptions::for_wall(&wall) },
             wall: Arc::clone(&wall),
             package: Arc::default(),
             camera: Box::new(|_| panic!("there is no frame")),
@@ -144,10 +143,11 @@ fn a_show_whose_detail_cannot_be_does_not_begin() {
             stop: None,
         };
         match run_show(TcpListener::bind("127.0.0.1:0").expect("a port"), show) {
-            Err(error @ (ServiceError::Detail(_) | ServiceError::NoHierarchies)) => error.to_string(),
+            Err(error @ (ServiceError::Detail(_) | ServiceError::NoHierarchies | ServiceError::NoEstimates)) => error.to_string(),
             other => panic!("{other:?}"),
         }
     };
+    let refusal = |triangles, least_pixels| refused(Detail { triangles, least_pixels, ..Detail::default() });
     assert_eq!(refusal(Some(0), 1.0), "detail: 0 triangles; there must be more");
     for (pixels, text) in [(f32::NAN, "NaN"), (-1.0, "-1"), (f32::INFINITY, "inf")] {
         assert_eq!(refusal(Some(5), pixels), format!("detail: {text} pixels; it must be 0 or more"));
@@ -155,4 +155,6 @@ fn a_show_whose_detail_cannot_be_does_not_begin() {
     assert_eq!(refusal(None, 0.0), "detail: 0 pixels and any number of triangles; that is all there is");
     let none = "detail: the scene has no vertex hierarchies; prepare it with --lod";
     assert_eq!([refusal(None, 1.0), refusal(Some(5), 0.0)], [none; 2]);
+    let weighed = refused(Detail { weight: DetailWeight::Plp, ..DETAIL });
+    assert_eq!(weighed, "detail: the scene has no tessellation to weigh objects by; prepare it with --plp");
 }

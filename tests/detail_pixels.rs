@@ -22,6 +22,7 @@ use mullion_common::wire::{Budget, Detail, DetailWeight, Moved, Primary, ViewSpe
 use mullion_server::generate::{GeneratedScene, write_glb};
 use mullion_server::prepare::PrepareOptions;
 use mullion_server::prepare::lod::{LodForm, LodOptions, add_vertex_hierarchies};
+use mullion_server::prepare::plp::{TessellateOptions, tessellate};
 use support::tiled::{TILE_PX, composite, differing, only, specs, wall};
 
 const TRIANGLES: u32 = 6000;
@@ -52,6 +53,9 @@ impl<'a> Node<'a> {
     fn culling(gpu: &Arc<Gpu>, package: &'a Package, (views, blobs): (&[ViewSpec], usize), occlusion: Occlusion) -> Self {
         let mut painter = GpuPainter::new(Arc::clone(gpu), Output::Keep).culling(occlusion);
         painter.open_scene(&Arc::new(package.scene.manifest.clone()), views).expect("opened");
+        if let Some(tessellation) = &package.scene.tessellation {
+            painter.take_tessellation(tessellation).expect("taken");
+        }
         let table = package.scene.vertex_hierarchies.as_ref().expect("it is there");
         for (number, entry) in (0..).zip(table.entries()) {
             for blob in table.blobs(number as usize).take(blobs) {
@@ -110,13 +114,17 @@ fn all_tiles_show_one_surface() {
         return;
     }
     let gpu = Gpu::open(GpuOptions::default()).expect("a GPU");
-    let fewer = one_surface(&gpu, &package(LodForm::Vertices));
+    let mut vertices = package(LodForm::Vertices);
+    let fewer = one_surface(&gpu, &vertices, DetailWeight::Nohc);
     assert!(fewer > 100, "what is hidden is not drawn as finely: {fewer} triangles fewer");
-    one_surface(&gpu, &package(LodForm::Clusters));
+    one_surface(&gpu, &package(LodForm::Clusters), DetailWeight::Nohc);
+    let tessellation = tessellate(&vertices, &TessellateOptions::default(), &|_, _, _| {}).expect("it has space");
+    vertices.scene.tessellation = Some(Arc::new(tessellation));
+    one_surface(&gpu, &vertices, DetailWeight::Plp);
 }
 
 /// How many triangles fewer are drawn where what is hidden may be coarse.
-fn one_surface(gpu: &Arc<Gpu>, package: &Package) -> u64 {
+fn one_surface(gpu: &Arc<Gpu>, package: &Package, weight: DetailWeight) -> u64 {
     let (tiled, whole) = (wall(2), wall(1));
     let (of_tiled, of_whole) = (specs(&tiled), specs(&whole));
     let mut plain = Node::new(gpu, package, &of_tiled, 0);
@@ -134,12 +142,7 @@ fn one_surface(gpu: &Arc<Gpu>, package: &Package) -> u64 {
             apart[3] = Some(Node::new(gpu, package, &of_tiled[3..], usize::MAX));
         }
         let triangles = [Some(1200), Some(2500), None][frame as usize % 3];
-        let detail = Detail {
-            triangles,
-            least_pixels: if triangles.is_some() { 0.0 } else { 1.0 },
-            hides: true,
-            weight: DetailWeight::Nohc,
-        };
+        let detail = Detail { triangles, least_pixels: if triangles.is_some() { 0.0 } else { 1.0 }, hides: true, weight };
         let room = room(package, frame);
         let (tiles, _) = together.draw(number, room, Some(detail));
         let (own, drawn) = one.draw(number, room, Some(detail));

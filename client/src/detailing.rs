@@ -12,7 +12,7 @@ use mullion_common::wall::Projection;
 use mullion_common::wire::{Detail, Primary, ViewSpec};
 
 use crate::gpu::{CutObject, GpuError, Renderer};
-use crate::lod::{BoundsKind, DepthOccluder, KeptOccluder, LodObject, LodOptions, LodSight, Refinement};
+use crate::lod::{BoundsKind, DepthOccluder, KeptOccluder, LodObject, LodOptions, LodSight, Refinement, Tessellated};
 use crate::tile_session::FrameToDraw;
 
 /// Width and height of the occluder's picture: of the whole wall, whatever its shape.
@@ -150,6 +150,7 @@ impl Detailing {
     pub fn find(
         &mut self,
         renderer: &mut Renderer,
+        tessellated: Option<Tessellated<'_>>,
         specs: &[ViewSpec],
         frame: &FrameToDraw,
         drawn: &mut [VisibleSet],
@@ -166,7 +167,7 @@ impl Detailing {
         let has_turn = self.occluder.as_ref().is_none_or(|occluder| occluder.has_turn(frame.number));
         let is_found = is_known && !self.has_changed && (self.is_final || !has_turn);
         if !is_found {
-            self.refine(renderer.transforms(), frame, (primary, detail));
+            self.refine((renderer.transforms(), tessellated), frame, (primary, detail));
         }
         if !is_found || self.named != self.staged {
             let objects = self.parts.iter().zip(self.refinement.cuts()).filter_map(|(part, cut)| {
@@ -182,10 +183,16 @@ impl Detailing {
         Ok(())
     }
 
-    fn refine(&mut self, transforms: &[Transform], frame: &FrameToDraw, (primary, detail): (&Primary, &Detail)) {
+    fn refine(
+        &mut self,
+        (transforms, tessellated): (&[Transform], Option<Tessellated<'_>>),
+        frame: &FrameToDraw,
+        (primary, detail): (&Primary, &Detail),
+    ) {
         let mut objects: Vec<LodObject<'_>> = (self.parts.iter())
             .filter_map(|part| {
                 Some(LodObject {
+                    id: part.object,
                     hierarchy: self.hierarchies[part.hierarchy].as_ref()?,
                     world_from_local: transforms[part.object.0 as usize].affine(),
                     is_double_sided: part.is_double_sided,
@@ -213,7 +220,7 @@ impl Detailing {
                 let depths = || KeptOccluder::new(DepthOccluder::new(OCCLUDER_PX, BoundsKind::default()));
                 let view = (projection, frame.number);
                 let occluder = self.occluder.get_or_insert_with(depths);
-                occluder.refine(&mut self.refinement, &mut objects, (&sight, &options), view, detail.weight)
+                occluder.refine(&mut self.refinement, &mut objects, (&sight, &options), view, (detail.weight, tessellated))
             }
             None => {
                 self.refinement.refine(&objects, &sight, &options, None);

@@ -99,6 +99,11 @@ impl Estimating {
         }
     }
 
+    /// What they are found in.
+    pub fn tessellation(&self) -> &Tessellation {
+        &self.tessellation
+    }
+
     /// Objects stand elsewhere: those that moved are not the tessellation's business until they are back.
     pub fn leave_out_moved(&mut self, manifest: &SceneManifest, transforms: &[Transform]) {
         let has_moved = |leaf: &u32| {

@@ -16,6 +16,7 @@ use crate::detailing::Detailing;
 use crate::estimating::Estimating;
 use crate::frame::{FrameInput, Planner, ViewInput};
 use crate::gpu::{Attachments, Gpu, GpuError, Renderer, ViewTarget};
+use crate::lod::Tessellated;
 use crate::node::{PaintError, Painter};
 use crate::occlusion::Occlusion;
 use crate::occlusion::unit::{Counts, Footprint};
@@ -235,7 +236,9 @@ impl Painter for GpuPainter {
         for (drawn, view) in drawn.iter_mut().zip(&frame.views) {
             view.leaves.difference_into(&frame.dropped, drawn);
         }
-        detailing.find(renderer, views, frame, drawn).map_err(failed)?;
+        let tessellation = estimating.as_ref().map(Estimating::tessellation);
+        let tessellated = tessellation.map(|tessellation| Tessellated { tessellation, scene: manifest });
+        detailing.find(renderer, tessellated, views, frame, drawn).map_err(failed)?;
         let mut inputs: Vec<ViewInput<'_>> = views
             .iter()
             .zip(&frame.views)

@@ -119,7 +119,7 @@ pub fn run(options: &Options) -> Result<()> {
     let scene = scene_file(&options.scene, &options.out)?;
     let mut package = open_scene(&scene, &options.how.options()?)?;
     quality.check_hierarchies(&package, &options.scene)?;
-    if quality.has_budget() && package.scene.tessellation.is_none() {
+    if quality.needs_tessellation() && package.scene.tessellation.is_none() {
         add_tessellation(&mut package, &TessellateOptions::default())?;
     }
     let package = Arc::new(package);

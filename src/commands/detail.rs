@@ -3,7 +3,6 @@
 use std::fmt::Display;
 
 use anyhow::{Result, ensure};
-use clap::ValueEnum;
 use mullion_common::scene::Package;
 use mullion_common::wire::{Detail, DetailWeight};
 use mullion_server::service::ShowOptions;
@@ -22,25 +21,10 @@ pub struct DetailOptions {
     /// Draw what others hide as finely as what is seen (with --pixel-error or --lod-triangles).
     #[arg(long)]
     no_lod_occlusion: bool,
-    /// What comes first in the triangles of --lod-triangles: none takes all objects alike, nohc those first of whose boxes more is seen.
-    #[arg(long, value_name = "WEIGHT", default_value = "none")]
-    lod_weight: LodWeight,
-}
-
-/// What objects weigh in a budget of triangles, as users write it.
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum LodWeight {
-    None,
-    Nohc,
-}
-
-impl LodWeight {
-    pub fn of_detail(self) -> DetailWeight {
-        match self {
-            Self::None => DetailWeight::None,
-            Self::Nohc => DetailWeight::Nohc,
-        }
-    }
+    /// What comes first in the triangles of --lod-triangles: none takes all objects alike, nohc those first of whose boxes more is seen, plp
+    /// those of whose triangles more are likely seen, for which the scene needs a tessellation.
+    #[arg(long, value_name = "WEIGHT", default_value_t)]
+    lod_weight: DetailWeight,
 }
 
 impl DetailOptions {
@@ -69,7 +53,7 @@ impl DetailOptions {
     /// When they ask for nothing.
     pub fn check(&self) -> Result<()> {
         ensure!(self.is_set() || !self.no_lod_occlusion, "--no-lod-occlusion: give --pixel-error or --lod-triangles, too");
-        if self.lod_weight != LodWeight::None {
+        if self.lod_weight != DetailWeight::None {
             ensure!(
                 self.lod_triangles.is_some(),
                 "--lod-weight: give --lod-triangles, too: without it, all is as good as it should be"
@@ -82,6 +66,23 @@ impl DetailOptions {
         ensure!(
             self.pixel_error != Some(0.0) || self.lod_triangles.is_some(),
             "--pixel-error 0: no surface is wrong where all triangles are drawn, as they are without it; give more than 0, or --lod-triangles, too"
+        );
+        Ok(())
+    }
+
+    /// Whether they need a tessellation.
+    pub fn needs_tessellation(&self) -> bool {
+        self.lod_weight == DetailWeight::Plp
+    }
+
+    /// Whether a scene has the tessellation that they may need.
+    ///
+    /// # Errors
+    /// When it has none.
+    pub fn check_tessellation(&self, package: &Package, scene: impl Display) -> Result<()> {
+        ensure!(
+            !self.needs_tessellation() || package.scene.tessellation.is_some(),
+            "--lod-weight plp: {scene} has no tessellation: prepare it with `mullion prepare --plp --lod`"
         );
         Ok(())
     }
@@ -105,13 +106,8 @@ impl DetailOptions {
     }
 
     fn detail(&self) -> Option<Detail> {
-        let Self { pixel_error, lod_triangles: triangles, no_lod_occlusion, lod_weight } = *self;
-        self.is_set().then(|| Detail {
-            triangles,
-            least_pixels: pixel_error.unwrap_or(0.0),
-            hides: !no_lod_occlusion,
-            weight: lod_weight.of_detail(),
-        })
+        let Self { pixel_error, lod_triangles: triangles, no_lod_occlusion, lod_weight: weight } = *self;
+        self.is_set().then(|| Detail { triangles, least_pixels: pixel_error.unwrap_or(0.0), hides: !no_lod_occlusion, weight })
     }
 }
 

@@ -62,17 +62,18 @@ impl QualityOptions {
         Ok(self)
     }
 
-    /// Whether there is a budget.
-    pub fn has_budget(&self) -> bool {
-        self.budget.is_set()
+    /// Whether there is a budget, or a level of detail by estimates.
+    pub fn needs_tessellation(&self) -> bool {
+        self.budget.is_set() || self.detail.needs_tessellation()
     }
 
-    /// Whether a scene has what a budget needs.
+    /// Whether a scene has what a budget needs, and a level of detail by estimates.
     ///
     /// # Errors
     /// When it has no tessellation.
     pub fn check_tessellation(&self, package: &Package, scene: impl Display) -> Result<()> {
-        self.of_quality(self.budget.check_scene(package, scene))
+        self.of_quality(self.budget.check_scene(package, &scene))?;
+        self.detail.check_tessellation(package, scene)
     }
 
     /// Whether a scene has what a level of detail needs.

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use glam::{DAffine3, DVec3, Vec3};
 use mullion_client::gpu::CutObject;
-use mullion_client::lod::{Cut, LodObject, StepId};
+use mullion_client::lod::{Cut, LodObject, StepId, Tessellated};
 use mullion_common::geometry::Aabb;
-use mullion_common::scene::{AlphaMode, Hierarchy, ObjectId, Package, Transform};
+use mullion_common::scene::{AlphaMode, Hierarchy, ObjectId, Package, Scene, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::Look;
@@ -43,6 +43,10 @@ impl Subject {
             package.scene.hierarchies().cloned().context("no object of the scene has triangles enough to be simplified")?;
         let decoded = |number| table.decode(number, &package.scene.manifest).context("a hierarchy");
         let hierarchies = (0..table.entries().len()).map(decoded).collect::<Result<Vec<Hierarchy>>>()?;
+        if copies > 1 {
+            // It knows of one.
+            package.scene.tessellation = None;
+        }
         let manifest = &mut package.scene.manifest;
         let (objects, leaves) = (manifest.transforms.clone(), manifest.leaves.clone());
         for copy in 1..copies {
@@ -86,10 +90,17 @@ impl Subject {
         Ok(Self { package, hierarchies, parts, bounds, covered })
     }
 
+    /// Where there is a tessellation: the space around all copies.
+    pub fn tessellated(&self) -> Option<Tessellated<'_>> {
+        let Scene { tessellation, manifest: scene, .. } = &self.package.scene;
+        tessellation.as_deref().map(|tessellation| Tessellated { tessellation, scene })
+    }
+
     /// As refinement takes them.
     pub fn objects(&self) -> Vec<LodObject<'_>> {
         let transforms = &self.package.scene.manifest.transforms;
         let object = |part: &Part| LodObject {
+            id: part.object,
             hierarchy: &self.hierarchies[part.hierarchy],
             world_from_local: transforms[part.object.0 as usize].affine(),
             is_double_sided: part.is_double_sided,

@@ -5,16 +5,16 @@
 mod clusters;
 mod meshes;
 mod surface;
+mod weights;
 
 use glam::{DAffine3, DVec3, Vec3};
 use mullion_client::lod::{
-    BoundsKind, Cut, DepthOccluder, Hidden, KeptOccluder, LodObject, LodOptions, LodSight, Occluder, OccluderFrom, Refinement,
-    StepId, VertexCut,
+    BoundsKind, Cut, DepthOccluder, Hidden, LodObject, LodOptions, LodSight, Occluder, OccluderFrom, Refinement, StepId,
+    VertexCut,
 };
 use mullion_common::geometry::Plane;
-use mullion_common::scene::{Hierarchy, VertexHierarchy, VertexId};
+use mullion_common::scene::{Hierarchy, ObjectId, VertexHierarchy, VertexId};
 use mullion_common::wall::Projection;
-use mullion_common::wire::DetailWeight;
 use mullion_server::generate::Random;
 
 use meshes::Mesh;
@@ -126,7 +126,14 @@ fn looking(eye: DVec3) -> LodSight<'static> {
 }
 
 fn seen_from_all_sides(hierarchy: &Hierarchy) -> LodObject<'_> {
-    LodObject { hierarchy, world_from_local: DAffine3::IDENTITY, is_double_sided: true, is_solid: true, weight: 1.0 }
+    LodObject {
+        id: ObjectId(0),
+        hierarchy,
+        world_from_local: DAffine3::IDENTITY,
+        is_double_sided: true,
+        is_solid: true,
+        weight: 1.0,
+    }
 }
 
 /// Answers by a rule, and counts how often it was drawn.
@@ -166,6 +173,7 @@ fn random_answers_give_surfaces_within_the_budget() {
             let planes = [Plane { normal, offset_m: f64::from(random.range(0.0, 2.0)) }];
             let sight = LodSight { planes: &planes, ..looking(eye) };
             let objects = [LodObject {
+                id: ObjectId(0),
                 hierarchy,
                 world_from_local: DAffine3::IDENTITY,
                 is_double_sided: random.chance(0.3),
@@ -272,58 +280,6 @@ fn a_budget_is_used_and_never_exceeded() {
     (base as u32..all + 300).step_by(97).for_each(&mut check);
     // A smaller one than the last.
     check(base as u32 + 100);
-}
-
-/// An object that is seen less gets less of a budget; with triangles enough for all, all are as good as they should be.
-#[test]
-fn a_budget_goes_where_more_is_seen() {
-    let mesh = meshes::torus(60, 40);
-    let hierarchy = vertices(&mesh);
-    let place = |x: f64| DAffine3::from_translation(DVec3::new(x, 0.0, -12.0));
-    let objects = [(-3.0, 1.0), (3.0, 0.25)].map(|(x, weight)| {
-        let object = seen_from_all_sides(&hierarchy);
-        LodObject { world_from_local: place(x), weight, ..object }
-    });
-    let sight = looking(DVec3::ZERO);
-    let mut refinement = Refinement::new();
-    let mut drawn = |options: &LodOptions| {
-        refinement.refine(&objects, &sight, options, None);
-        [0, 1].map(|at: usize| refinement.cuts()[at].triangle_count())
-    };
-    let [more, less] = drawn(&LodOptions { budget: 2500, ..LodOptions::default() });
-    assert!(less * 2 < more && more + less > 2475, "{more}, {less}");
-    let [a, b] = drawn(&LodOptions { budget: u32::MAX, least_pixels: 4.0, ..LodOptions::default() });
-    assert!(a < mesh.hierarchy.triangle_count() && a.abs_diff(b) * 20 < a, "{a}, {b}");
-}
-
-/// Of two that are alike a sphere stands before one half of one. By what is seen that gets less of a budget, in the frame that draws the
-/// occluder and in those that keep it, whoever comes late.
-#[test]
-fn less_of_a_budget_goes_where_half_is_hidden() {
-    let (torus, sphere) = (vertices(&meshes::torus(60, 40)), vertices(&meshes::sphere(16)));
-    let place = |hierarchy, x: f64, z: f64| LodObject {
-        world_from_local: DAffine3::from_translation(DVec3::new(x, 0.0, z)),
-        ..seen_from_all_sides(hierarchy)
-    };
-    let objects = [place(&torus, -2.5, -12.0), place(&torus, 2.5, -12.0), place(&sphere, 1.7, -5.0)];
-    let corners = [DVec3::new(-1.0, -0.75, -1.0), DVec3::new(1.0, -0.75, -1.0), DVec3::new(-1.0, 0.75, -1.0)];
-    let projection = Projection::through_rectangle(DVec3::ZERO, corners, 0.05, &DAffine3::IDENTITY);
-    let options = LodOptions { budget: 3000, occluders: SOON, ..LodOptions::default() };
-    let show = |frames: std::ops::Range<u64>, weight: DetailWeight| {
-        let mut occluder = KeptOccluder::new(DepthOccluder::new([256; 2], BoundsKind::Link));
-        let mut refinement = Refinement::new();
-        let drawn = |frame: u64| {
-            let sight = looking(DVec3::ZERO);
-            occluder.refine(&mut refinement, &mut objects.clone(), (&sight, &options), (&projection, frame), weight);
-            [0, 1].map(|at: usize| refinement.cuts()[at].triangle_count())
-        };
-        frames.map(drawn).collect::<Vec<_>>()
-    };
-    let (alike, weighed) = (show(0..1, DetailWeight::None), show(0..20, DetailWeight::Nohc));
-    let share = |[whole, half]: [u32; 2]| f64::from(half) / f64::from(whole);
-    assert!(share(weighed[0]) < 0.8 * share(alike[0]), "{:?}, {:?}", weighed[0], alike[0]);
-    assert!(weighed.iter().all(|frame| *frame == weighed[0]), "{weighed:?}");
-    assert_eq!(show(5..7, DetailWeight::Nohc), weighed[..2]);
 }
 
 /// With more bases than a budget has triangles for, what is small is left out, and nothing is counted for what is out of sight.

@@ -1,9 +1,12 @@
 //! Meshes that take the whole way: a file's scene, a package with leaves of few triangles, its bytes, a hierarchy.
 
-use glam::{DAffine3, Vec2, Vec3};
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3, Vec2, Vec3};
 use mullion_common::scene::{ClusterHierarchy, Hierarchy, Package, VertexHierarchy};
 use mullion_server::prepare::gltf::{SourceAlpha, SourceMaterial, SourceMesh, SourceNode, SourcePrimitive, SourceScene};
 use mullion_server::prepare::lod::{LodForm, LodOptions, add_vertex_hierarchies};
+use mullion_server::prepare::plp::{TessellateOptions, tessellate};
 use mullion_server::prepare::{PrepareOptions, prepare};
 
 /// A mesh and its hierarchy.
@@ -27,6 +30,45 @@ fn primitive((positions, triangles): Raw, uvs: Option<Vec<Vec2>>, number: u32) -
     SourcePrimitive { gltf_primitive: number, positions, normals: None, uvs, colors: None, indices, material: None }
 }
 
+/// Objects of a primitive each, or more, and where they stand.
+fn package(objects: Vec<(Vec<SourcePrimitive>, DAffine3)>) -> Package {
+    let node = |(mesh, (_, world_from_local)): (u32, &(Vec<SourcePrimitive>, DAffine3))| SourceNode {
+        name: None,
+        parent: None,
+        children: Vec::new(),
+        parent_from_local: *world_from_local,
+        mesh: Some(mesh),
+        instances: Vec::new(),
+    };
+    let nodes: Vec<SourceNode> = (0..).zip(&objects).map(node).collect();
+    let mesh = |(gltf_mesh, (primitives, _))| SourceMesh { name: None, gltf_mesh, primitives };
+    let scene = SourceScene {
+        roots: (0..nodes.len() as u32).collect(),
+        nodes,
+        meshes: (0..).zip(objects).map(mesh).collect(),
+        materials: vec![PLAIN; 2],
+        images: Vec::new(),
+        warnings: Vec::new(),
+    };
+    let options = PrepareOptions { max_leaf_triangles: 60, ..PrepareOptions::default() };
+    prepare(scene, &options, &|_, _, _| {}).expect("it is a scene").package
+}
+
+fn add_hierarchies(package: &mut Package, form: LodForm) {
+    let lod = LodOptions { least_triangles: 1, block_vertices: 150, form };
+    add_vertex_hierarchies(package, &lod, &|_, _, _| {}).expect("it has a hierarchy");
+}
+
+/// Meshes that stand in places, with hierarchies of vertices and a tessellation.
+pub fn scene(objects: &[(&Mesh, DVec3)]) -> Package {
+    let of_mesh = |mesh: &Mesh| vec![primitive((mesh.positions.clone(), mesh.triangles.clone()), None, 0)];
+    let mut package = package(objects.iter().map(|(mesh, at)| (of_mesh(mesh), DAffine3::from_translation(*at))).collect());
+    add_hierarchies(&mut package, LodForm::Vertices);
+    let tessellation = tessellate(&package, &TessellateOptions::default(), &|_, _, _| {}).expect("it has space");
+    package.scene.tessellation = Some(Arc::new(tessellation));
+    package
+}
+
 fn mesh(name: &'static str, primitives: Vec<SourcePrimitive>) -> Mesh {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for primitive in &primitives {
@@ -34,27 +76,9 @@ fn mesh(name: &'static str, primitives: Vec<SourcePrimitive>) -> Mesh {
         positions.extend_from_slice(&primitive.positions);
         triangles.extend(primitive.indices.chunks_exact(3).map(|t| [t[0] + first, t[1] + first, t[2] + first]));
     }
-    let node = SourceNode {
-        name: None,
-        parent: None,
-        children: Vec::new(),
-        parent_from_local: DAffine3::IDENTITY,
-        mesh: Some(0),
-        instances: Vec::new(),
-    };
-    let scene = SourceScene {
-        nodes: vec![node],
-        roots: vec![0],
-        meshes: vec![SourceMesh { name: None, gltf_mesh: 0, primitives }],
-        materials: vec![PLAIN; 2],
-        images: Vec::new(),
-        warnings: Vec::new(),
-    };
-    let options = PrepareOptions { max_leaf_triangles: 60, ..PrepareOptions::default() };
-    let mut package = prepare(scene, &options, &|_, _, _| {}).expect("it is a scene").package;
+    let mut package = package(vec![(primitives, DAffine3::IDENTITY)]);
     let mut packed = |form| -> (Hierarchy, Vec<Vec<u8>>) {
-        let lod = LodOptions { least_triangles: 1, block_vertices: 150, form };
-        add_vertex_hierarchies(&mut package, &lod, &|_, _, _| {}).expect("it has a hierarchy");
+        add_hierarchies(&mut package, form);
         let mut bytes = Vec::new();
         package.write_to(&mut bytes).expect("memory takes all bytes");
         let package = Package::read(&bytes).expect("it is one");

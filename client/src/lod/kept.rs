@@ -4,6 +4,7 @@ use mullion_common::wall::Projection;
 use mullion_common::wire::DetailWeight;
 
 use super::course::OccluderCourse;
+use super::weigher::{Tessellated, Weigher};
 use super::{DepthOccluder, LodObject, LodOptions, LodSight, Occluder, OccluderFrom, Refinement};
 
 /// No object weighs less, however little of it is seen: what is known of that is an estimate.
@@ -14,6 +15,7 @@ const LEAST_WEIGHT: f32 = 1.0 / 16.0;
 pub struct KeptOccluder {
     occluder: DepthOccluder,
     course: OccluderCourse,
+    weigher: Weigher,
     /// By object, as the last turn found them.
     weights: Vec<f32>,
 }
@@ -21,7 +23,7 @@ pub struct KeptOccluder {
 impl KeptOccluder {
     /// One that nothing was drawn into.
     pub fn new(occluder: DepthOccluder) -> Self {
-        Self { occluder, course: OccluderCourse::default(), weights: Vec::new() }
+        Self { occluder, course: OccluderCourse::default(), weigher: Weigher::default(), weights: Vec::new() }
     }
 
     /// Whether a frame draws the occluder anew, as long as the view looks about the same way.
@@ -39,30 +41,37 @@ impl KeptOccluder {
     ///
     /// By [`DetailWeight::None`] objects keep the weights that they come with. By [`DetailWeight::Nohc`] they get others, which a frame that
     /// draws the occluder finds after having refined as they came; then it refines once more. So what such a frame finds depends on no
-    /// frame before it, and the frames that follow find the same while nothing moves.
+    /// frame before it, and the frames that follow find the same while nothing moves. By [`DetailWeight::Plp`] such a frame finds them before
+    /// it refines; where there is no tessellation they keep theirs.
     pub fn refine(
         &mut self,
         refinement: &mut Refinement,
         objects: &mut [LodObject<'_>],
         (sight, options): (&LodSight<'_>, &LodOptions),
         (projection, frame): (&Projection, u64),
-        weight: DetailWeight,
+        (weight, tessellated): (DetailWeight, Option<Tessellated<'_>>),
     ) -> bool {
-        let Self { occluder, course, weights } = self;
+        let Self { occluder, course, weigher, weights } = self;
         let from = course.at(frame);
         let from = if occluder.look(projection) { from } else { from.and(Some(OccluderFrom::ThisFrame)) };
         let is_drawn = from == Some(OccluderFrom::ThisFrame);
-        let weighs = weight == DetailWeight::Nohc;
-        if weighs && !is_drawn {
+        let by_boxes = weight == DetailWeight::Nohc;
+        let by_estimate = tessellated.filter(|_| weight == DetailWeight::Plp);
+        if let Some(tessellated) = by_estimate.filter(|_| is_drawn) {
+            weights.clear();
+            weights.extend(weigher.weigh(tessellated, sight, objects).map(weight_of));
+        }
+        if by_estimate.is_some() || by_boxes && !is_drawn {
             give(weights, objects);
         }
         refinement.refine(objects, sight, options, from.map(|from| (&mut *occluder as &mut dyn Occluder, from)));
         if is_drawn {
             course.note(frame, refinement);
         }
-        if weighs && is_drawn {
+        if by_boxes && is_drawn {
+            let share = |object: &LodObject<'_>| occluder.visible_share(&object.world_from_local, &object.hierarchy.local_aabb());
             weights.clear();
-            weights.extend(objects.iter().map(|object| weight_of(occluder, object)));
+            weights.extend(objects.iter().map(share).map(weight_of));
             give(weights, objects);
             // What is answered now is kept, like the picture.
             occluder.look(projection);
@@ -72,8 +81,8 @@ impl KeptOccluder {
     }
 }
 
-fn weight_of(occluder: &DepthOccluder, object: &LodObject<'_>) -> f32 {
-    let share = occluder.visible_share(&object.world_from_local, &object.hierarchy.local_aabb());
+/// By the share of it that is seen, as far as that is known.
+fn weight_of(share: Option<f32>) -> f32 {
     share.map_or(1.0, |share| share.max(LEAST_WEIGHT))
 }
 

@@ -19,6 +19,7 @@ mod sight;
 mod sparse;
 mod steps;
 mod vertex_cut;
+mod weigher;
 
 pub use cluster_cut::ClusterCut;
 pub use cut::Cut;
@@ -28,13 +29,16 @@ pub use refinement::{Hidden, LodOptions, Occluder, OccluderFrom, Refinement};
 pub use sight::{LodSight, NodeSight};
 pub use steps::StepId;
 pub use vertex_cut::VertexCut;
+pub use weigher::{Tessellated, Weigher};
 
 use glam::DAffine3;
-use mullion_common::scene::Hierarchy;
+use mullion_common::scene::{Hierarchy, ObjectId};
 
 /// An object that is drawn by its hierarchy.
 #[derive(Clone, Copy, Debug)]
 pub struct LodObject<'a> {
+    /// Which it is of the scene.
+    pub id: ObjectId,
     /// As far as it has arrived.
     pub hierarchy: &'a Hierarchy,
     /// Where it is.

@@ -64,6 +64,11 @@ impl Front {
         }
     }
 
+    /// The key of min(F).
+    pub fn least(&self) -> Option<f32> {
+        self.heap.first().map(|entry| entry.key())
+    }
+
     /// min(F), taken out.
     pub fn pop(&mut self) -> Option<(f32, CellId)> {
         let last = self.heap.pop()?;
@@ -143,6 +148,7 @@ mod tests {
             for (cell, key, is_pop) in steps {
                 if is_pop {
                     let least = map.iter().min_by(|a, b| a.1.total_cmp(b.1).then(a.0.cmp(b.0))).map(|(e, k)| (*k, CellId(*e)));
+                    prop_assert_eq!(front.least(), least.map(|(key, _)| key));
                     prop_assert_eq!(front.pop(), least);
                     least.map(|(_, cell)| map.remove(&cell.0));
                 } else {

@@ -116,6 +116,27 @@ proptest! {
     }
 }
 
+/// What is likely comes first: the less likely it may be, the more is drawn, up to all.
+#[test]
+fn likely_triangles_are_the_first_of_the_order() {
+    let block = block(7, 9);
+    let frame = block.frame(size_m() * 0.3, &[]);
+    let (mut likely, mut first) = (Traversal::new(), Traversal::new());
+    likely.begin(&frame, Solidity::Likelihood);
+    let mut before = 0;
+    for least in [1.1, 0.5, 0.25, 0.06, 0.0] {
+        let done = likely.project_likely(&frame, u32::MAX, least);
+        assert!(done.triangles > before || least > 0.5, "{done:?} as likely as {least}");
+        first.begin(&frame, Solidity::Likelihood);
+        first.project(&frame, done.triangles);
+        assert_eq!(block.held(likely.drawn()), block.held(first.drawn()));
+        assert_eq!(done.is_complete, least == 0.0);
+        before = done.triangles;
+    }
+    likely.begin(&frame, Solidity::Likelihood);
+    assert_eq!(likely.project_likely(&frame, 5, 0.0).triangles, 5);
+}
+
 /// How solid the least solid way from a cell to the middle of each one is, in halves of a triangle: every way tried until none is better.
 fn least_ways(block: &Block, eye: Vec3, from: CellId) -> Vec<u64> {
     let tessellation = &block.tessellation;

@@ -166,7 +166,19 @@ impl Traversal {
     ///
     /// `frame` is that of [`Traversal::begin`].
     pub fn project(&mut self, frame: &Frame<'_>, budget: u32) -> Projected {
+        self.project_below(frame, budget, f32::INFINITY)
+    }
+
+    /// The same by [`Solidity::Likelihood`], as long as what comes next is as likely seen as this at least, 0 to 1.
+    pub fn project_likely(&mut self, frame: &Frame<'_>, budget: u32, least: f32) -> Projected {
+        self.project_below(frame, budget, -least)
+    }
+
+    fn project_below(&mut self, frame: &Frame<'_>, budget: u32, most: f32) -> Projected {
         while self.drawn.count() < budget {
+            if self.unfinished.is_none() && self.cells.front.least().is_some_and(|key| key > most) {
+                break;
+            }
             let cell = match self.unfinished.take() {
                 Some(cell) => cell,
                 None => match self.cells.front.pop() {
@@ -207,6 +219,13 @@ impl Traversal {
             }
             Solidity::Likelihood => true,
         }
+    }
+
+    /// How many triangles of the leaf at a place have their fronts to the eye, as far as is known, wherever they are. `frame` is that of
+    /// [`Traversal::begin`].
+    pub fn front_count(&mut self, frame: &Frame<'_>, place: u32) -> u32 {
+        let leaf = self.leaves.sight(frame, place);
+        frame.tessellation.facings(place).iter().filter(|facing| !leaf.is_away(**facing)).count() as u32
     }
 
     /// What is drawn so far.

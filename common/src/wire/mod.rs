@@ -94,13 +94,13 @@ pub use frame::{Budget, Frame, FrameView, Moved};
 pub use manifest::{Manifest, SectionRef};
 pub use message::{Bye, ByeCode, ChunkReply, Piece, Ping, Pong, Shown, Stats, ToMaster, ToTile, ViewSpec, Want, Welcome};
 pub use opening::{ChunkHello, Hello, Opening, Part};
-pub use primary::{Detail, DetailWeight, Estimate, Primary};
+pub use primary::{Detail, DetailWeight, Estimate, Primary, UnknownWeight};
 pub use standby::{Course, Insertion, Insertions, RivalHello, StandbyHello, Steering, ToStandby};
 
 use crate::scene::{MAX_CHUNK_BYTES, MAX_HIERARCHY_BLOB_BYTES, SectionKind};
 
 /// Version of the protocol. Master and nodes speak only their own.
-pub const PROTOCOL_VERSION: u32 = 9;
+pub const PROTOCOL_VERSION: u32 = 10;
 /// First bytes of a greeting, after its tag.
 pub const MAGIC: [u8; 4] = *b"MULL";
 

@@ -1,7 +1,11 @@
 //! Where a wall looks, and what it orders from there: estimates of what is visible, and levels of detail. The same for all nodes.
 
+use std::fmt;
+use std::str::FromStr;
+
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
 use super::{MAX_PRIMARY_PLANES, WireError, within};
 use crate::geometry::Plane;
@@ -34,6 +38,41 @@ pub enum DetailWeight {
     None,
     /// By the share of the object's box that is seen: pixels in which nothing is nearer, of all that it covers.
     Nohc,
+    /// By the share of the object's triangles that an estimate of what is visible holds, of those in sight. For scenes with a tessellation.
+    Plp,
+}
+
+/// A weight's name that is none.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("no weight is called {0:?}: {names}", names = DetailWeight::ALL.map(DetailWeight::name).join(", "))]
+pub struct UnknownWeight(String);
+
+impl DetailWeight {
+    /// Every one, by its byte.
+    pub const ALL: [Self; 3] = [Self::None, Self::Nohc, Self::Plp];
+
+    /// As users write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Nohc => "nohc",
+            Self::Plp => "plp",
+        }
+    }
+}
+
+impl fmt::Display for DetailWeight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for DetailWeight {
+    type Err = UnknownWeight;
+
+    fn from_str(name: &str) -> Result<Self, UnknownWeight> {
+        Self::ALL.into_iter().find(|weight| weight.name() == name).ok_or_else(|| UnknownWeight(name.to_owned()))
+    }
 }
 
 /// How finely a frame draws what has vertex hierarchies. Visible sets stay what they are.
@@ -112,10 +151,7 @@ impl Primary {
 
 impl From<DetailWeight> for u8 {
     fn from(weight: DetailWeight) -> Self {
-        match weight {
-            DetailWeight::None => 0,
-            DetailWeight::Nohc => 1,
-        }
+        weight as u8
     }
 }
 
@@ -123,11 +159,7 @@ impl TryFrom<u8> for DetailWeight {
     type Error = &'static str;
 
     fn try_from(byte: u8) -> Result<Self, Self::Error> {
-        match byte {
-            0 => Ok(Self::None),
-            1 => Ok(Self::Nohc),
-            _ => Err("weight of the detail: neither 0 nor 1"),
-        }
+        Self::ALL.get(usize::from(byte)).copied().ok_or("weight of the detail: none of 0, 1 and 2")
     }
 }
 

@@ -175,16 +175,16 @@ fn golden_bytes() {
     let golden = [
         (
             "hello",
-            format!("01 4d554c4c09000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
+            format!("01 4d554c4c0a000000 0400000000000000 74317830 01000000 01 0200000000000000 0708 0100000000000000 {ab}"),
         ),
-        ("chunk hello", "02 4d554c4c09000000 0201000000000000".into()),
+        ("chunk hello", "02 4d554c4c0a000000 0201000000000000".into()),
         ("ready", "03 0201000000000000 03000000 01 01 0101000000000000 0700000000000000".into()),
         ("stats", "04 0100000000000000 02000000 03000000 0400000000000000 0500000000000000".into()),
         ("bye to master", "05 03000000 0200000000000000 6e6f".into()),
         (
             "welcome",
             format!(
-                "06 09000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
+                "06 0a000000 0201000000000000 01000000000000006e 0100000000000000 0300 0200 010000000000000074 0100 \
                  01000000 {} 80020000 e0010000 {} {} 0500000000000000 04000000",
                 f64s(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
                 f64s(&[0.25]),
@@ -223,7 +223,7 @@ fn golden_bytes() {
         ("bye on chunks", "05 03000000 0200000000000000 6e6f".into()),
         ("ping", "0e 0201000000000000".into()),
         ("pong", "0f 0201000000000000 0300000000000000".into()),
-        ("standby hello", format!("10 4d554c4c09000000 {ab} {}", "cd".repeat(32))),
+        ("standby hello", format!("10 4d554c4c0a000000 {ab} {}", "cd".repeat(32))),
         (
             "course",
             format!(
@@ -235,7 +235,7 @@ fn golden_bytes() {
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
             ),
         ),
-        ("rival hello", format!("12 4d554c4c09000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
+        ("rival hello", format!("12 4d554c4c0a000000 {ab} {} 03000000 2b1d", "cd".repeat(32))),
         ("prepared", "13 02010000".into()),
         (
             "insertions",
@@ -272,6 +272,20 @@ fn messages_go_round() {
 }
 
 #[test]
+fn weights_go_round_by_byte_and_by_name() {
+    for (byte, weight) in (0..).zip(DetailWeight::ALL) {
+        assert_eq!((u8::from(weight), DetailWeight::try_from(byte)), (byte, Ok(weight)));
+        assert_eq!(weight.to_string().parse(), Ok(weight));
+        let mut frame = frame();
+        frame.detail.as_mut().expect("it has one").weight = weight;
+        assert_eq!(ToTile::decode(body_of(&bytes(|out| frame.encode(out)))), Ok(ToTile::Frame(frame)));
+    }
+    assert!(DetailWeight::try_from(3).is_err());
+    let error = "plenty".parse::<DetailWeight>().unwrap_err().to_string();
+    assert!(DetailWeight::ALL.iter().all(|weight| error.contains(weight.name())), "{error}");
+}
+
+#[test]
 fn a_manifest_has_whole_parts() {
     let of = |kinds: &[SectionKind]| {
         let section = |(i, kind): (usize, &SectionKind)| SectionRef { kind: *kind, hash: ChunkHash([i as u8; 32]), length: 1 };
@@ -302,7 +316,7 @@ fn greetings_of_strangers_are_told_apart() {
     hello().encode_as_version(PROTOCOL_VERSION + 1, &mut other).unwrap();
     assert_eq!(Opening::decode(body_of(&other)), Err(WireError::Version { theirs: PROTOCOL_VERSION + 1 }));
     // Another version may have another layout behind the version.
-    assert_eq!(Opening::decode(b"\x01MULL\x0a\0\0\0!"), Err(WireError::Version { theirs: 10 }));
+    assert_eq!(Opening::decode(b"\x01MULL\xff\0\0\0!"), Err(WireError::Version { theirs: 255 }));
     assert_eq!(Opening::decode(b"\x01GET / HTTP/1.1"), Err(WireError::Magic));
     assert_eq!(Opening::decode(b"GET / HTTP/1.1"), Err(WireError::Tag { tag: b'G' }));
     assert_eq!(Opening::decode(b""), Err(WireError::Empty));
@@ -409,7 +423,7 @@ fn orders_out_of_their_range_are_refused_on_both_sides() {
         let detail = Detail { least_pixels: bad, ..Detail::default() };
         assert_eq!(Frame { detail: Some(detail), ..frame() }.encode(&mut Vec::new()).err(), not_finite);
     }
-    assert!(matches!(spoiled(find(&pixels) + 5, &[2]), Some(WireError::Codec(_))), "no weight");
+    assert!(matches!(spoiled(find(&pixels) + 5, &[3]), Some(WireError::Codec(_))), "no weight");
     assert_eq!(spoiled(find(&pixels), &0f32.to_le_bytes()), None, "all that can be seen of it");
     let nowhere = Some(WireError::Bulk { what: "primary frustum" });
     for orders in [Frame { estimate: None, ..frame() }, Frame { detail: None, ..frame() }] {

@@ -7,7 +7,7 @@ use std::time::Duration;
 use mullion_common::scene::{Package, PackageError, SectionKind};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::Wall;
-use mullion_common::wire::{Bye, Detail, MAX_TILE_SECTION_BYTES, Shown};
+use mullion_common::wire::{Bye, Detail, DetailWeight, MAX_TILE_SECTION_BYTES, Shown};
 use thiserror::Error;
 use tokio::sync::watch;
 
@@ -151,6 +151,10 @@ impl Show {
             return Err(ServiceError::NoTessellation);
         }
         detail.map_or(Ok(()), check_detail)?;
+        let is_by_estimate = detail.is_some_and(|detail| detail.weight == DetailWeight::Plp);
+        if is_by_estimate && self.package.scene.tessellation.is_none() {
+            return Err(ServiceError::NoEstimates);
+        }
         if detail.is_none() || self.package.scene.hierarchies().is_some() { Ok(()) } else { Err(ServiceError::NoHierarchies) }
     }
 }
@@ -220,6 +224,8 @@ pub enum ServiceError {
     Detail(String),
     #[error("detail: the scene has no vertex hierarchies; prepare it with --lod")]
     NoHierarchies,
+    #[error("detail: the scene has no tessellation to weigh objects by; prepare it with --plp")]
+    NoEstimates,
     #[error("frame {frame}: {problem}")]
     Pose { frame: u64, problem: String },
     #[error("the master to stand by for refused: {0}")]

@@ -45,7 +45,7 @@ impl Way {
             bounds,
             refinement: Refinement::new(),
             occluder: bounds.map(|kind| KeptOccluder::new(DepthOccluder::new([options.occluder_px; 2], kind))),
-            weight: options.lod_weight.of_detail(),
+            weight: options.lod_weight,
             figures: WayFigures { name, ..WayFigures::default() },
         }
     }
@@ -63,7 +63,7 @@ impl Way {
         match &mut self.occluder {
             Some(occluder) => {
                 let view = (&look.projection, frame);
-                occluder.refine(refinement, &mut objects, (&sight, options), view, self.weight);
+                occluder.refine(refinement, &mut objects, (&sight, options), view, (self.weight, subject.tessellated()));
             }
             None => refinement.refine(&objects, &sight, options, None),
         }

@@ -11,6 +11,8 @@ use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use glam::DVec3;
 use mullion_client::lod::BoundsKind;
+use mullion_common::wire::DetailWeight;
+use mullion_server::prepare::plp::TessellateOptions;
 use serde::Serialize;
 
 use self::contest::Contest;
@@ -18,8 +20,7 @@ use self::table::Table;
 use self::views::{VIEWS, View};
 use super::machine::Machine;
 use crate::camera::parse_point;
-use crate::commands::detail::LodWeight;
-use crate::commands::prepare::{Form, HowToPrepare};
+use crate::commands::prepare::{Form, HowToPrepare, add_tessellation};
 use crate::files::{is_standard_output, write_json};
 use crate::lod::Subject;
 use crate::say::say;
@@ -55,9 +56,10 @@ pub struct Options {
     /// Ask about every other level only, as the paper does.
     #[arg(long)]
     odd_levels: bool,
-    /// What objects weigh in the budget where the occluder is asked: all alike (none), or as much of their boxes as is seen (nohc).
-    #[arg(long, value_name = "WEIGHT", default_value = "none")]
-    lod_weight: LodWeight,
+    /// What objects weigh in the budget where the occluder is asked: all alike (none), as much of their boxes as is seen (nohc), or as many of
+    /// their triangles as are likely seen (plp), by a tessellation that is made where the scene has none.
+    #[arg(long, value_name = "WEIGHT", default_value_t)]
+    lod_weight: DetailWeight,
     /// Width and height of the occluder's picture, pixels.
     #[arg(long, value_name = "PIXELS", default_value_t = 288, value_parser = clap::value_parser!(u32).range(8..=4096))]
     occluder_px: u32,
@@ -138,7 +140,13 @@ pub fn run(options: &Options) -> Result<()> {
             drop(subject.take());
             subject = Some((scene.clone(), view.copies, form, view.open(&scene, &options.how.options()?, form)?));
         }
-        let Some((.., subject)) = &subject else { continue };
+        let Some((.., subject)) = &mut subject else { continue };
+        if options.lod_weight == DetailWeight::Plp && subject.tessellated().is_none() {
+            if !is_piped {
+                say!("{scene} has no tessellation as it stands here: one is made");
+            }
+            add_tessellation(&mut subject.package, &TessellateOptions::default())?;
+        }
         let name = Path::new(&scene).file_name().map_or(scene.clone(), |name| name.to_string_lossy().into_owned());
         let name = form.map_or(name.clone(), |form| format!("{name} as {form:?}").to_lowercase());
         let table = Contest::new(options, &view, subject, gpu.as_ref())?.run(&name)?;

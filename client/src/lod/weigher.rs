@@ -1,0 +1,83 @@
+//! What objects weigh by an estimate of what is visible: the last proposal of Prioritized-Layered Projection (Klosowski, Silva: *Rendering on a
+//! Budget*, 1999, in its conclusions), to let the order of projection choose levels of detail.
+
+use mullion_common::scene::{SceneManifest, Tessellation};
+
+use super::sight::LocalSight;
+use super::{LodObject, LodSight};
+use crate::plp::{Frame, Sight, Solidity, Traversal};
+
+/// Triangles are looked at as in a picture so many times as wide and high: of meshes that are simplified most are smaller than a pixel, and
+/// hardly likely to have one. As they are, of objects that are far nothing is taken to be seen; in a finer picture yet near ones lose.
+const FINER: f32 = 4.0;
+/// What is as likely seen there is taken to be seen (`mullion bench lod --lod-weight plp`): a number of triangles is too few for one scene and
+/// all of another.
+const LEAST_LIKELY: f32 = 0.25;
+/// Of that so many triangles, for the time that it takes.
+const MOST_TRIANGLES: u32 = 1 << 18;
+
+/// A scene, and the space around it as the package has it.
+#[derive(Clone, Copy, Debug)]
+pub struct Tessellated<'a> {
+    /// The cells.
+    pub tessellation: &'a Tessellation,
+    /// The scene that they are of.
+    pub scene: &'a SceneManifest,
+}
+
+/// Finds what objects weigh. Takes memory in its first frames only.
+#[derive(Debug, Default)]
+pub struct Weigher {
+    traversal: Traversal,
+    /// By object of the scene: its number among those that are weighed.
+    numbers: Vec<Option<u32>>,
+    weighed: Vec<Weighed>,
+}
+
+#[derive(Debug, Default)]
+struct Weighed {
+    sight: LocalSight,
+    /// Triangles in sight with their fronts to the eye, and of these those that are taken to be seen.
+    all: u32,
+    seen: u32,
+}
+
+impl Weigher {
+    /// Finds for each object, 0 to 1, which share of its triangles is taken to be seen of those in sight that face the eye. `None`: it has
+    /// none there, the tessellation does not know it, or it stands elsewhere than the package has it.
+    ///
+    /// Depends on the scene, its tessellation, the sight and the objects alone.
+    pub fn weigh<'a>(
+        &'a mut self,
+        Tessellated { tessellation, scene }: Tessellated<'_>,
+        sight: &LodSight<'_>,
+        objects: &[LodObject<'_>],
+    ) -> impl Iterator<Item = Option<f32>> + use<'a> {
+        let Self { traversal, numbers, weighed } = self;
+        numbers.clear();
+        numbers.resize(scene.transforms.len(), None);
+        weighed.clear();
+        for (number, object) in (0..).zip(objects) {
+            let home = scene.transforms.get(object.id.0 as usize);
+            if home.is_some_and(|home| home.affine() == object.world_from_local) {
+                numbers[object.id.0 as usize] = Some(number);
+            }
+            weighed.push(Weighed { sight: LocalSight::new(sight, object), all: 0, seen: 0 });
+        }
+        let LodSight { eye, planes, pixels_per_radian, .. } = *sight;
+        let sight = Sight { eye, planes, pixels_per_radian: pixels_per_radian * FINER };
+        let frame = Frame { tessellation, scene, sight };
+        traversal.begin(&frame, Solidity::default());
+        traversal.project_likely(&frame, MOST_TRIANGLES, LEAST_LIKELY);
+        for (place, leaf) in (0..).zip(tessellation.leaves()) {
+            let leaf = &scene.leaves[*leaf as usize];
+            let Some(number) = numbers[leaf.object.0 as usize] else { continue };
+            let Weighed { sight, all, seen } = &mut weighed[number as usize];
+            if sight.of_box(&leaf.local_aabb()).is_some() {
+                *all += traversal.front_count(&frame, place);
+                *seen += traversal.drawn().count_of(place);
+            }
+        }
+        weighed.iter().map(|Weighed { all, seen, .. }| (*all > 0).then(|| *seen as f32 / *all as f32))
+    }
+}
