@@ -25,6 +25,7 @@ mod present;
 mod pyramid;
 mod queries;
 mod query_occluder;
+mod query_passes;
 mod readback;
 mod renderer;
 mod rounds;

@@ -4,9 +4,10 @@
 //! ```text
 //! draw: cuts ─→ depth          hides: a solid ─→ a batch of queries ─ full ─→ in flight, a few at a time ─→ answers
 //! ```
-//! An answer is exact for the middles of the picture's pixels, and conservative for what the solid holds: that is grown by an eighth of a pixel, and
-//! what reaches the near plane is seen. But when it comes depends on the GPU, and so does what is refined: for comparing, not for walls, whose
-//! nodes must agree.
+//! Bounds are drawn as [`crate::lod::SolidMesh`] has them: boxes, prisms of 16 sides around cylinders, solids of 124 triangles around spheres; of
+//! links oriented boxes. An answer is exact for the middles of the picture's pixels, and conservative for what bounds hold: solids are grown by
+//! an eighth of a pixel, and what reaches the near plane is seen. When it comes depends on the GPU, and so does what is refined: this is for
+//! comparing (`mullion bench lod --answers queries`), not for walls, whose nodes must agree.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -16,20 +17,17 @@ use mullion_common::geometry::Aabb;
 use mullion_common::scene::Hierarchy;
 use mullion_common::wall::Projection;
 
-use super::bindings::{module, pipeline_layout};
 use super::device::{Gpu, GpuError};
-use super::draws::GrowingBuffer;
-use super::occlusion::read_only;
-use super::pipelines::Sides;
 use super::queries::Queries;
+use super::query_passes::{Asking, Drawing, Placed};
 use super::targets::{DEPTH_FORMAT, texture, view_of};
 use super::test_box::{Grower, LocalScale};
-use crate::lod::{BoundsKind, Cut, Hidden, LodObject, Occluder, Solid, SolidMesh, StepId, Wait};
-use crate::occlusion::DEPTH_SLACK;
+use crate::lod::{BoundsKind, Cut, Hidden, LodObject, Occluder, Solid, StepId, Wait};
 
 /// So many nodes are asked about at once.
 const BATCH: usize = 64;
-/// Most batches that the GPU has at a time.
+/// Most batches that the GPU has at a time. The next one waits for the first of them: else nodes far down in the queue would be asked about, which
+/// a budget may never come to.
 const MOST_IN_FLIGHT: usize = 4;
 
 /// Depths on the GPU, and queries against them.
@@ -52,47 +50,6 @@ pub struct QueryOccluder {
     /// Words of the batch that is read.
     seen: Vec<u32>,
     error: Option<GpuError>,
-}
-
-/// Where an object is.
-#[derive(Clone, Copy, Debug)]
-struct Placed {
-    clip_from_local: Mat4,
-    scale: LocalScale,
-    is_mirrored: bool,
-}
-
-/// What draws cuts into depth.
-struct Drawing {
-    /// By [`Sides`].
-    pipelines: [wgpu::RenderPipeline; 3],
-    vertices: GrowingBuffer,
-    indices: GrowingBuffer,
-    instances: GrowingBuffer,
-    draws: Vec<CutDraw>,
-    staged_vertices: Vec<[f32; 3]>,
-    staged_indices: Vec<u32>,
-    staged_instances: Vec<[f32; 16]>,
-}
-
-/// An object's triangles.
-#[derive(Clone, Copy, Debug)]
-struct CutDraw {
-    sides: Sides,
-    first_vertex: u32,
-    first_index: u32,
-    index_end: u32,
-}
-
-/// What draws solids.
-struct Asking {
-    pipeline: wgpu::RenderPipeline,
-    vertices: GrowingBuffer,
-    indices: GrowingBuffer,
-    index_count: u32,
-    /// No corner is further out along any axis.
-    reach: f32,
-    instances: GrowingBuffer,
 }
 
 /// Questions that are asked at once.
@@ -280,89 +237,6 @@ impl Occluder for QueryOccluder {
     }
 }
 
-impl Drawing {
-    fn new(gpu: &Gpu) -> Self {
-        let pipelines = [Sides::Both, Sides::Front, Sides::FrontMirrored].map(|sides| pipeline(gpu, sides, Depths::Written));
-        Self {
-            pipelines,
-            vertices: GrowingBuffer::new(gpu, "vertices of an occluder", wgpu::BufferUsages::VERTEX),
-            indices: GrowingBuffer::new(gpu, "indices of an occluder", wgpu::BufferUsages::INDEX),
-            instances: GrowingBuffer::new(gpu, "objects of an occluder", wgpu::BufferUsages::VERTEX),
-            draws: Vec::new(),
-            staged_vertices: Vec::new(),
-            staged_indices: Vec::new(),
-            staged_instances: Vec::new(),
-        }
-    }
-
-    fn clear(&mut self) {
-        self.draws.clear();
-        self.staged_vertices.clear();
-        self.staged_indices.clear();
-        self.staged_instances.clear();
-    }
-
-    fn stage(&mut self, LodObject { hierarchy, is_double_sided, .. }: &LodObject<'_>, cut: &Cut, placed: &Placed) {
-        let positions = &hierarchy.vertices().positions;
-        let (first_vertex, first_index) = (self.staged_vertices.len() as u32, self.staged_indices.len() as u32);
-        self.staged_vertices.extend(cut.vertices(hierarchy).map(|vertex| positions[vertex as usize]));
-        self.staged_indices.extend(cut.placed_triangles(hierarchy).flatten());
-        self.staged_instances.push(placed.clip_from_local.to_cols_array());
-        let sides = Sides::of(*is_double_sided, placed.is_mirrored);
-        self.draws.push(CutDraw { sides, first_vertex, first_index, index_end: self.staged_indices.len() as u32 });
-    }
-
-    /// Draws what is staged in place of what is there.
-    fn draw(&mut self, gpu: &Gpu, depth: &wgpu::TextureView) -> Result<(), GpuError> {
-        let limit = gpu.device.limits().max_buffer_size;
-        self.vertices.write(gpu, bytemuck::cast_slice(&self.staged_vertices), limit)?;
-        self.indices.write(gpu, bytemuck::cast_slice(&self.staged_indices), limit)?;
-        self.instances.write(gpu, bytemuck::cast_slice(&self.staged_instances), limit)?;
-        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("occluder") });
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("occluder"),
-            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: depth,
-                // Reversed depth: 0 is infinitely far.
-                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
-                stencil_ops: None,
-            }),
-            ..Default::default()
-        });
-        pass.set_vertex_buffer(0, self.vertices.buffer.slice(..));
-        pass.set_vertex_buffer(1, self.instances.buffer.slice(..));
-        pass.set_index_buffer(self.indices.buffer.slice(..), wgpu::IndexFormat::Uint32);
-        for (at, draw) in (0..).zip(&self.draws) {
-            pass.set_pipeline(&self.pipelines[draw.sides as usize]);
-            pass.draw_indexed(draw.first_index..draw.index_end, draw.first_vertex as i32, at..at + 1);
-        }
-        drop(pass);
-        gpu.submit(Some(encoder.finish()));
-        gpu.check()
-    }
-}
-
-impl Asking {
-    fn new(gpu: &Gpu, kind: BoundsKind) -> Result<Self, GpuError> {
-        let SolidMesh { positions, mut indices } = SolidMesh::of(kind);
-        let index_count = indices.len() as u32;
-        // Buffer writes come in multiples of four bytes: two indices.
-        indices.resize(indices.len().next_multiple_of(2), 0);
-        let written = |label, usage, bytes: &[u8]| {
-            let mut buffer = GrowingBuffer::new(gpu, label, usage);
-            buffer.write(gpu, bytes, u64::MAX).map(|()| buffer)
-        };
-        Ok(Self {
-            pipeline: pipeline(gpu, Sides::Front, Depths::Asked),
-            vertices: written("corners of solids", wgpu::BufferUsages::VERTEX, bytemuck::cast_slice(&positions))?,
-            indices: written("indices of solids", wgpu::BufferUsages::INDEX, bytemuck::cast_slice(&indices))?,
-            index_count,
-            reach: positions.as_flattened().iter().fold(0.0, |most: f32, at| most.max(at.abs())),
-            instances: GrowingBuffer::new(gpu, "solids", wgpu::BufferUsages::VERTEX),
-        })
-    }
-}
-
 impl Batch {
     fn new(gpu: &Gpu) -> Self {
         let queries = Queries::new(gpu, BATCH as u32);
@@ -376,74 +250,11 @@ impl Batch {
 
     /// Asks for each solid whether any of its pixels is before what is drawn.
     fn submit(&mut self, gpu: &Gpu, asking: &mut Asking, depth: &wgpu::TextureView) -> Result<(), GpuError> {
-        asking.instances.write(gpu, bytemuck::cast_slice(&self.instances), gpu.device.limits().max_buffer_size)?;
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("questions") });
-        let set = self.queries.set().clone();
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("questions"),
-            depth_stencil_attachment: Some(read_only(depth)),
-            occlusion_query_set: Some(&set),
-            ..Default::default()
-        });
-        pass.set_pipeline(&asking.pipeline);
-        pass.set_vertex_buffer(0, asking.vertices.buffer.slice(..));
-        pass.set_vertex_buffer(1, asking.instances.buffer.slice(..));
-        pass.set_index_buffer(asking.indices.buffer.slice(..), wgpu::IndexFormat::Uint16);
-        let count = self.instances.len() as u32;
-        self.queries.ask(&mut pass, count, |pass, at| pass.draw_indexed(0..asking.index_count, 0, at..at + 1));
-        drop(pass);
+        asking.encode(gpu, &mut encoder, (depth, &mut self.queries), &self.instances)?;
         self.queries.resolve(&mut encoder);
         self.submission = Some(gpu.submit(Some(encoder.finish())));
         self.queries.want();
         gpu.check()
     }
-}
-
-/// What a pipeline does with depth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Depths {
-    Written,
-    Asked,
-}
-
-fn pipeline(gpu: &Gpu, sides: Sides, depths: Depths) -> wgpu::RenderPipeline {
-    let module = &module(&gpu.device, "placed", include_str!("shaders/placed.wgsl"));
-    let (compare, slack) = match depths {
-        Depths::Written => (wgpu::CompareFunction::Greater, 1.0),
-        Depths::Asked => (wgpu::CompareFunction::GreaterEqual, DEPTH_SLACK),
-    };
-    let constants = &[("DEPTH_SLACK", slack)];
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("placed"),
-        layout: Some(&pipeline_layout(&gpu.device, "placed", &[])),
-        vertex: wgpu::VertexState {
-            module,
-            entry_point: Some("vertex"),
-            compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
-            buffers: &[
-                Some(wgpu::VertexBufferLayout {
-                    array_stride: size_of::<[f32; 3]>() as u64,
-                    step_mode: wgpu::VertexStepMode::Vertex,
-                    attributes: &wgpu::vertex_attr_array![0 => Float32x3],
-                }),
-                Some(wgpu::VertexBufferLayout {
-                    array_stride: size_of::<[f32; 16]>() as u64,
-                    step_mode: wgpu::VertexStepMode::Instance,
-                    attributes: &wgpu::vertex_attr_array![1 => Float32x4, 2 => Float32x4, 3 => Float32x4, 4 => Float32x4],
-                }),
-            ],
-        },
-        primitive: sides.primitive(),
-        depth_stencil: Some(wgpu::DepthStencilState {
-            format: DEPTH_FORMAT,
-            depth_write_enabled: Some(depths == Depths::Written),
-            depth_compare: Some(compare),
-            stencil: Default::default(),
-            bias: Default::default(),
-        }),
-        multisample: Default::default(),
-        fragment: None,
-        multiview_mask: None,
-        cache: None,
-    })
 }

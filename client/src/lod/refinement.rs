@@ -94,7 +94,7 @@ const FEWEST_LEFT: u32 = 2;
 ///
 /// What it finds is a function of what it is given, a kept occluder among it, whatever it found before: whoever is given the same finds the same. Only the way there
 /// is short where little has changed: the cuts of the last frame are kept, and what differs is split or taken back. Takes memory only while
-/// its cuts grow. An occluder whose answers come late is given when they come, too: near the end of a budget that decides what is still split.
+/// its cuts grow. Where answers come late, what is found is a function of when they come, too.
 #[derive(Debug, Default)]
 pub struct Refinement {
     cuts: Vec<Cut>,
