@@ -45,7 +45,7 @@ struct Way {
 /// What says what is hidden.
 enum Asked {
     Nothing,
-    Depths(KeptOccluder),
+    Depths(Box<KeptOccluder>),
     Queries(Box<QueryOccluder>),
 }
 
@@ -58,7 +58,8 @@ impl Way {
         };
         let occluder = match (asked, gpu) {
             (Some((Answers::Depths, kind)), _) => {
-                Asked::Depths(KeptOccluder::new(DepthOccluder::new([options.occluder_px.unwrap_or(DEPTHS_PX); 2], kind)))
+                let depths = DepthOccluder::new([options.occluder_px.unwrap_or(DEPTHS_PX); 2], kind);
+                Asked::Depths(Box::new(KeptOccluder::new(depths)))
             }
             (Some((Answers::Queries, kind)), Some(gpu)) => {
                 Asked::Queries(Box::new(QueryOccluder::new(gpu, [options.occluder_px.unwrap_or(options.size); 2], kind)?))
