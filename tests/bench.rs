@@ -283,6 +283,31 @@ fn level_of_detail_by_estimates_is_measured() {
     assert!(by_estimates > alike, "{alike}, {by_estimates}");
 }
 
+#[test]
+fn queries_say_what_is_hidden_beside_depths() {
+    for options in [["--no-gpu", "--frames", "1"], ["--lod-weight", "nohc", "--no-gpu"]] {
+        let refused = mullion(&[&["bench", "lod", "--scene", "organic", "--answers", "queries"], &options[..]].concat(), LIMIT);
+        let option = if options.contains(&"nohc") { "--lod-weight" } else { "--answers" };
+        assert!(refused.code != Some(0) && refused.err.contains(option), "{}", refused.err);
+    }
+    if !support::has_gpu() {
+        return;
+    }
+    let options =
+        ["--triangles", "2000", "--size", "128", "--frames", "2", "--bounds", "cylinder,link", "--answers", "depths,queries"];
+    let out = done(&[&["bench", "lod", "--scene", "organic", "--json", "-"], &options[..]].concat());
+    let report: Value = serde_json::from_str(&out).expect("JSON and nothing else");
+    let ways = report["tables"][0]["ways"].as_array().expect("ways");
+    let names: Vec<_> = ways.iter().filter_map(|way| way["name"].as_str()).collect();
+    assert_eq!(names, ["without", "cylinder", "link", "cylinder-queries", "link-queries"]);
+    let of = |way: usize, key: &str, frame: usize| ways[way][key][frame].as_u64().unwrap_or_else(|| panic!("{key}: {out}"));
+    for (way, frame) in (1..5).flat_map(|way| [(way, 0), (way, 1)]) {
+        assert!((1980..=2000).contains(&of(way, "triangles", frame)), "{}: {out}", names[way]);
+        assert!(of(way, "visible", frame) > of(0, "visible", frame), "{}: {out}", names[way]);
+    }
+    assert!((3..5).all(|way| of(way, "questions", 1) > 100), "each frame asks anew: {out}");
+}
+
 /// Refined until surfaces are wrong by a pixel at most, pictures are off by little more, whatever the model.
 #[test]
 fn pictures_are_as_good_as_the_pixels_that_are_asked_for() {

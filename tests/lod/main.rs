@@ -3,7 +3,9 @@
 //! answers, are each held against a dull test of surfaces.
 
 mod clusters;
+mod late;
 mod meshes;
+mod queries;
 mod surface;
 mod weights;
 
@@ -148,8 +150,8 @@ impl<F: FnMut(&Hierarchy, StepId) -> Hidden> Occluder for Told<F> {
         self.drawn += 1;
     }
 
-    fn hides(&mut self, _object: usize, hierarchy: &Hierarchy, step: StepId) -> Hidden {
-        (self.rule)(hierarchy, step)
+    fn hides(&mut self, _object: usize, hierarchy: &Hierarchy, step: StepId) -> Option<Hidden> {
+        Some((self.rule)(hierarchy, step))
     }
 }
 

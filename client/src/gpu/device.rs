@@ -172,6 +172,13 @@ impl Gpu {
         }
     }
 
+    /// Learns what the GPU has done by now, and does not wait.
+    pub(super) fn poll(&self) -> Result<(), GpuError> {
+        let polled = self.device.poll(wgpu::PollType::Poll);
+        self.check()?;
+        polled.map(|_| ()).map_err(|e| GpuError::Lost(e.to_string()))
+    }
+
     /// Waits until the GPU has done all work submitted up to `submission`, or at all.
     pub(super) fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
         let waited = self.device.poll(wgpu::PollType::Wait { submission_index: submission, timeout: None });

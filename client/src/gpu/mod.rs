@@ -10,6 +10,7 @@
 //!                        ├ occlusion  which of them are hidden
 //!                        └ unit       how much of boxes is seen
 //! ```
+//! Beside it, [`QueryOccluder`] answers what refinement asks, by occlusion queries.
 
 mod arena;
 mod bindings;
@@ -23,6 +24,8 @@ mod pipelines;
 mod present;
 mod pyramid;
 mod queries;
+mod query_occluder;
+mod query_passes;
 mod readback;
 mod renderer;
 mod rounds;
@@ -36,6 +39,7 @@ mod upload;
 pub use cuts::CutObject;
 pub use device::{DisplayHandle, Gpu, GpuError, GpuOptions, Optional};
 pub use present::{PresentError, Presenter, TileRect};
+pub use query_occluder::QueryOccluder;
 pub use renderer::{Renderer, ViewTarget};
 pub use targets::{Attachments, Shown};
 pub use upload::UploadError;

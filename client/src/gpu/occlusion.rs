@@ -18,6 +18,7 @@ use super::queries::Queries;
 use super::targets::{COLOR_FORMAT, DEPTH_FORMAT, IDS_FORMAT, Target, texture, view_of};
 use super::test_box::TestBox;
 use super::timer::{Pass, Timer};
+use crate::occlusion::rounds::MAX_QUERIES;
 use crate::occlusion::{BoxTest, DEPTH_SLACK};
 
 const WORKGROUP: u32 = 64;
@@ -151,7 +152,7 @@ impl BoxTester {
             }
             let views = (&target.color_view, &target.depth_view);
             if first.is_queried {
-                let queries = first.queries.get_or_insert_with(|| Queries::new(gpu));
+                let queries = first.queries.get_or_insert_with(|| Queries::new(gpu, MAX_QUERIES as u32));
                 self.query(encoder, &target.depth_view, (first.timer.as_ref(), groups, queries), first.box_count);
             } else {
                 self.draw(gpu, encoder, views, (first, groups), (test, buffers.have_late));
@@ -412,7 +413,8 @@ enum Boxes {
     Queried,
 }
 
-fn read_only(depth: &wgpu::TextureView) -> wgpu::RenderPassDepthStencilAttachment<'_> {
+/// Depth that is held against, not written.
+pub(super) fn read_only(depth: &wgpu::TextureView) -> wgpu::RenderPassDepthStencilAttachment<'_> {
     wgpu::RenderPassDepthStencilAttachment { view: depth, depth_ops: None, stencil_ops: None }
 }
 

@@ -87,6 +87,15 @@ impl Sides {
             (false, true) => Self::FrontMirrored,
         }
     }
+
+    /// Triangles of these sides.
+    pub fn primitive(self) -> wgpu::PrimitiveState {
+        wgpu::PrimitiveState {
+            front_face: if self == Self::FrontMirrored { wgpu::FrontFace::Cw } else { wgpu::FrontFace::Ccw },
+            cull_mode: (self != Self::Both).then_some(wgpu::Face::Back),
+            ..Default::default()
+        }
+    }
 }
 
 impl Coverage {
@@ -192,11 +201,7 @@ fn pipeline(
                 }),
             ],
         },
-        primitive: wgpu::PrimitiveState {
-            front_face: if sides == Sides::FrontMirrored { wgpu::FrontFace::Cw } else { wgpu::FrontFace::Ccw },
-            cull_mode: (sides != Sides::Both).then_some(wgpu::Face::Back),
-            ..Default::default()
-        },
+        primitive: sides.primitive(),
         depth_stencil: Some(wgpu::DepthStencilState {
             format: DEPTH_FORMAT,
             depth_write_enabled: Some(solid),

@@ -60,14 +60,20 @@ impl Grower {
         Self { grown_m: GROWN_PX / px_per_m }
     }
 
+    /// By how much a box must grow on each side, in its object's space.
+    pub fn growth(&self, bounds: &Aabb, clip_from_local: &Mat4, scale: &LocalScale) -> DVec3 {
+        let w = clip_from_local.row(3).as_dvec4();
+        let furthest = w.truncate().dot(bounds.center()) + w.w + w.truncate().abs().dot(bounds.size() / 2.0);
+        scale.local_from_world * (self.grown_m * furthest + bounds.rounding_m(scale.world_from_local))
+    }
+
     /// A leaf's box, grown; none where it reaches the near plane or cannot be placed: then it is seen.
     pub fn test(&self, bounds: &Aabb, clip_from_local: &Mat4, scale: &LocalScale) -> Option<(Vec3, Vec3)> {
         let (z, w) = (clip_from_local.row(2).as_dvec4(), clip_from_local.row(3).as_dvec4());
         let (center, half) = (bounds.center(), bounds.size() / 2.0);
         let reach = |row: glam::DVec4| row.truncate().abs().dot(half);
-        let (w_center, w_reach) = (w.truncate().dot(center) + w.w, reach(w));
-        let rounded_m = bounds.rounding_m(scale.world_from_local);
-        let grown = scale.local_from_world * (self.grown_m * (w_center + w_reach) + rounded_m);
+        let w_center = w.truncate().dot(center) + w.w;
+        let grown = self.growth(bounds, clip_from_local, scale);
         let (min, max) = ((bounds.min - grown).as_vec3(), (bounds.max + grown).as_vec3());
         let reach_grown = reach(w) + w.truncate().abs().dot(grown);
         let z_max = z.truncate().dot(center) + z.w + reach(z) + z.truncate().abs().dot(grown);

@@ -6,6 +6,7 @@
 //!                  ↑        outside, away: not further    │ yes                      │
 //!                  └── once the occluder is drawn anew ───┘      next nodes ←────────┘
 //! ```
+//! An occluder may answer late: what waits stands aside, and comes back into the queue with its answer. Walls ask depths on the CPU, which answer at once.
 //! Whatever the occluder says: a closed mesh is drawn closed, and never a triangle above the budget.
 
 mod cluster_cut;
@@ -16,6 +17,7 @@ mod node;
 mod occluder;
 mod refinement;
 mod sight;
+mod solid;
 mod sparse;
 mod steps;
 mod vertex_cut;
@@ -25,8 +27,9 @@ pub use cluster_cut::ClusterCut;
 pub use cut::Cut;
 pub use kept::KeptOccluder;
 pub use occluder::{BoundsKind, DepthOccluder};
-pub use refinement::{Hidden, LodOptions, Occluder, OccluderFrom, Refinement};
+pub use refinement::{Hidden, LodOptions, Occluder, OccluderFrom, Refinement, Wait};
 pub use sight::{LodSight, NodeSight};
+pub use solid::{Solid, SolidMesh};
 pub use steps::StepId;
 pub use vertex_cut::VertexCut;
 pub use weigher::{Tessellated, Weigher};

@@ -124,9 +124,15 @@ impl DepthOccluder {
 
 /// Where all that a split changes lies in the picture: between the vertices around it and its own.
 fn link_spread(clip_from_local: &Mat4, hierarchy: &VertexHierarchy, lead: VertexId) -> Option<Spread> {
-    let around = hierarchy.together(lead).flat_map(|vertex| hierarchy.link(vertex).path()).map(|v| VertexId(*v));
     let corner = |vertex: VertexId| *clip_from_local * hierarchy.position(vertex).extend(1.0);
-    Spread::of(hierarchy.together(lead).chain(around).map(corner))
+    Spread::of(link_vertices(hierarchy, lead).map(corner))
+}
+
+/// A split's own vertices, and those around it.
+#[inline]
+pub(super) fn link_vertices(hierarchy: &VertexHierarchy, lead: VertexId) -> impl Iterator<Item = VertexId> {
+    let around = hierarchy.together(lead).flat_map(|vertex| hierarchy.link(vertex).path()).map(|v| VertexId(*v));
+    hierarchy.together(lead).chain(around)
 }
 
 /// Where a node's bounds lie in the picture; `None` if they reach behind the eye.
@@ -207,12 +213,12 @@ impl Occluder for DepthOccluder {
         self.build_levels();
     }
 
-    fn hides(&mut self, object: usize, hierarchy: &Hierarchy, step: StepId) -> Hidden {
-        let Some(clip_from_local) = self.clip_from_local.get(object) else { return Hidden::Nothing };
+    fn hides(&mut self, object: usize, hierarchy: &Hierarchy, step: StepId) -> Option<Hidden> {
+        let Some(clip_from_local) = self.clip_from_local.get(object) else { return Some(Hidden::Nothing) };
         let (spread, hidden) = match (hierarchy, self.kind) {
             // Bounds enclose the vertex: what shows that shows something of them.
             (Hierarchy::Vertices(hierarchy), _) if self.shows(*clip_from_local * hierarchy.position(step.lead()).extend(1.0)) => {
-                return Hidden::Nothing;
+                return Some(Hidden::Nothing);
             }
             (Hierarchy::Vertices(hierarchy), BoundsKind::Link) => {
                 (link_spread(clip_from_local, hierarchy, step.lead()), Hidden::Split)
@@ -225,7 +231,7 @@ impl Occluder for DepthOccluder {
                 (bounds_spread(kind, clip_from_local, &hierarchy.bounds(step.group())), Hidden::Node)
             }
         };
-        if spread.is_some_and(|spread| self.is_behind(&spread)) { hidden } else { Hidden::Nothing }
+        Some(if spread.is_some_and(|spread| self.is_behind(&spread)) { hidden } else { Hidden::Nothing })
     }
 }
 
@@ -417,7 +423,7 @@ mod tests {
             let projection = occluder.projection.expect("it looks");
             draw_square(&mut occluder, 5.0, [-1.0, 1.0]);
             occluder.clip_from_local[0] = projection.clip_from_local(&DAffine3::from_translation(DVec3::new(0.3, 0.1, z)));
-            assert_eq!(occluder.hides(0, &hierarchy, lead), hidden, "at {z}");
+            assert_eq!(occluder.hides(0, &hierarchy, lead), Some(hidden), "at {z}");
         }
     }
 

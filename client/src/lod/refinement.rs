@@ -42,11 +42,24 @@ impl Default for LodOptions {
 
 /// What hides nodes: coarse versions of the objects themselves.
 pub trait Occluder {
-    /// Takes what the objects look like so far, in place of what it had.
+    /// Takes what the objects look like so far, in place of what it had. What is not answered yet is forgotten, and asked again.
     fn draw(&mut self, objects: &[LodObject<'_>], cuts: &[Cut]);
 
-    /// Whether a node of an object is behind what was drawn. The same until that is drawn anew: nobody asks twice.
-    fn hides(&mut self, object: usize, hierarchy: &Hierarchy, step: StepId) -> Hidden;
+    /// Whether a node of an object is behind what was drawn; `None`: the answer comes later. The same until that is drawn anew: nobody asks
+    /// twice.
+    fn hides(&mut self, object: usize, hierarchy: &Hierarchy, step: StepId) -> Option<Hidden>;
+
+    /// Hands over answers that came later: objects, steps and what is hidden, in any order. None only where none is to come, or nobody waits.
+    fn answer_late(&mut self, _wait: Wait, _with: &mut dyn FnMut(usize, StepId, Hidden)) {}
+}
+
+/// Whether answers are waited for that are not there yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wait {
+    /// What is there is enough.
+    No,
+    /// Until there is one at least.
+    ForSome,
 }
 
 /// Where a frame's occluder comes from.
@@ -54,6 +67,8 @@ pub trait Occluder {
 pub enum OccluderFrom {
     /// It is drawn on the way, at the steps of the options, and at last from what was found: for frames that keep it.
     ThisFrame,
+    /// It is drawn on the way, for this frame alone: the paper's way.
+    ThisFrameAlone,
     /// It is as an earlier frame drew it, which saw about the same: what is asked costs little, and it is asked from the first.
     EarlierFrame,
 }
@@ -79,7 +94,7 @@ const FEWEST_LEFT: u32 = 2;
 ///
 /// What it finds is a function of what it is given, a kept occluder among it, whatever it found before: whoever is given the same finds the same. Only the way there
 /// is short where little has changed: the cuts of the last frame are kept, and what differs is split or taken back. Takes memory only while
-/// its cuts grow.
+/// its cuts grow. Where answers come late, what is found is a function of when they come, too.
 #[derive(Debug, Default)]
 pub struct Refinement {
     cuts: Vec<Cut>,
@@ -94,6 +109,8 @@ pub struct Refinement {
     queue: BinaryHeap<Node>,
     /// Nodes that are behind the occluder.
     hidden: Vec<Node>,
+    /// Nodes that were asked about and have no answer yet.
+    waiting: Vec<Node>,
     /// What a step needs.
     needed: Vec<StepId>,
     /// Which picture the occluder has.
@@ -131,9 +148,9 @@ struct Chosen {
 struct Known {
     /// In which frame it was chosen last.
     frame: u32,
-    /// What an occluder answered, and which: 0 is none.
+    /// What an occluder answered, and which: 0 is none. No answer: it is to come.
     picture: u32,
-    answer: Hidden,
+    answer: Option<Hidden>,
     /// For which search it was found to be needed.
     search: u32,
     /// In which frame it was put into the queue last, where it comes from several.
@@ -181,6 +198,13 @@ impl Chosen {
         known.frame != self.frame && std::mem::replace(&mut known.search, self.search) != self.search
     }
 
+    /// Notes what an occluder answered of a step that it was asked about in this picture; of any other, nothing.
+    fn note_answer(&mut self, step: StepId, picture: u32, hidden: Hidden) {
+        if self.known.get(step.index()).picture == picture {
+            self.known.get_mut(step.index()).answer = Some(hidden);
+        }
+    }
+
     fn follow(&self, hierarchy: &Hierarchy, cut: &mut Cut) {
         match self.standing {
             Standing::LeftOut => cut.vanish(),
@@ -216,19 +240,22 @@ impl Refinement {
                 self.draw_occluder(objects, drawn, *occluder);
                 drawn += 1;
             }
-            let Some(mut node) = self.queue.pop() else { break };
+            let Some(mut node) = self.queue.pop() else {
+                let Some((occluder, _)) = occluder.as_mut().filter(|_| !self.waiting.is_empty()) else { break };
+                self.take_late(*occluder, Wait::ForSome);
+                continue;
+            };
             let object = node.object as usize;
             let hierarchy = objects[object].hierarchy;
             if !self.chosen[object].has(node.step) {
                 if let Some((occluder, _)) = occluder.as_mut().filter(|_| drawn > 0) {
                     // Questions may be asked at every other level: what is below a node that is seen is likely seen.
                     if !node.is_seen {
-                        let known = self.chosen[object].known.get_mut(node.step.index());
-                        if known.picture != self.picture {
-                            self.question_count += 1;
-                            (known.picture, known.answer) = (self.picture, occluder.hides(object, hierarchy, node.step));
-                        }
-                        let hidden = known.answer;
+                        let Some(hidden) = self.ask(*occluder, hierarchy, &node) else {
+                            self.waiting.push(node);
+                            self.take_late(*occluder, Wait::No);
+                            continue;
+                        };
                         if hidden == Hidden::Split
                             && !node.is_followed
                             && let Hierarchy::Vertices(hierarchy) = hierarchy
@@ -273,6 +300,7 @@ impl Refinement {
     fn begin(&mut self, objects: &[LodObject<'_>], sight: &LodSight<'_>, options: &LodOptions) {
         self.queue.clear();
         self.hidden.clear();
+        self.waiting.clear();
         (self.triangle_count, self.steps, self.question_count) = (0, 0, 0);
         self.least_pixels = options.least_pixels.max(f32::MIN_POSITIVE);
         self.sights.clear();
@@ -334,6 +362,42 @@ impl Refinement {
         {
             self.queue.push(Node { pixels: (pixels * sight.weight).min(node.pixels), ..node });
         }
+    }
+
+    /// What the occluder says of a node. Asks it, if nobody has.
+    #[inline]
+    fn ask(&mut self, occluder: &mut dyn Occluder, hierarchy: &Hierarchy, node: &Node) -> Option<Hidden> {
+        let object = node.object as usize;
+        let known = self.chosen[object].known.get_mut(node.step.index());
+        if known.picture != self.picture {
+            self.question_count += 1;
+            (known.picture, known.answer) = (self.picture, occluder.hides(object, hierarchy, node.step));
+        }
+        known.answer
+    }
+
+    /// Takes answers that came late, and puts what waited for them into the queue. If there are none although they are waited for, nothing is
+    /// taken to be hidden.
+    fn take_late(&mut self, occluder: &mut dyn Occluder, wait: Wait) {
+        let (chosen, picture) = (&mut self.chosen, self.picture);
+        let mut are_any = false;
+        occluder.answer_late(wait, &mut |object, step, hidden| {
+            if let Some(chosen) = chosen.get_mut(object) {
+                chosen.note_answer(step, picture, hidden);
+            }
+            are_any = true;
+        });
+        match (are_any, wait) {
+            (true, _) => {}
+            (false, Wait::No) => return,
+            (false, Wait::ForSome) => {
+                self.waiting
+                    .iter()
+                    .for_each(|node| chosen[node.object as usize].note_answer(node.step, picture, Hidden::Nothing));
+            }
+        }
+        let has_answer = |node: &mut Node| chosen[node.object as usize].known.get(node.step.index()).answer.is_some();
+        self.queue.extend(self.waiting.extract_if(.., has_answer));
     }
 
     /// Offers the nodes that a node becomes by its step.
@@ -402,7 +466,7 @@ impl Refinement {
         }
         occluder.draw(objects, cuts);
         self.next_picture();
-        self.queue.extend(self.hidden.drain(..));
+        self.queue.extend(self.hidden.drain(..).chain(self.waiting.drain(..)));
     }
 
     fn next_picture(&mut self) {

@@ -6,20 +6,22 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use image::RgbaImage;
 use mullion_client::frame::Planner;
-use mullion_client::gpu::{Attachments, Gpu, Renderer, ViewTarget};
-use mullion_client::lod::{BoundsKind, DepthOccluder, KeptOccluder, LodOptions, LodSight, Refinement};
+use mullion_client::gpu::{Attachments, Gpu, QueryOccluder, Renderer, ViewTarget};
+use mullion_client::lod::{BoundsKind, DepthOccluder, KeptOccluder, LodOptions, LodSight, OccluderFrom, Refinement};
 use mullion_common::scene::ObjectId;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::DetailWeight;
 
-use super::Options;
 use super::table::{FineFigures, Table, WayFigures};
 use super::views::View;
+use super::{Answers, Options};
 use crate::drawn::{self, Hints};
 use crate::lod::{ImageError, Look, Seen, Subject};
 
 const VIEW: ViewId = ViewId(0);
+/// Width and height of the picture of depths, pixels: of which walls have theirs.
+const DEPTHS_PX: u32 = 288;
 
 /// One view's.
 pub struct Contest<'a> {
@@ -28,30 +30,48 @@ pub struct Contest<'a> {
     subject: &'a Subject,
     ways: Vec<Way>,
     drawing: Option<Drawing<'a>>,
+    gpu: Option<&'a Arc<Gpu>>,
     ids: Vec<ObjectId>,
 }
 
 struct Way {
-    bounds: Option<BoundsKind>,
+    asked: Option<(Answers, BoundsKind)>,
     refinement: Refinement,
-    occluder: Option<KeptOccluder>,
+    occluder: Asked,
     weight: DetailWeight,
     figures: WayFigures,
 }
 
+/// What says what is hidden.
+enum Asked {
+    Nothing,
+    Depths(Box<KeptOccluder>),
+    Queries(Box<QueryOccluder>),
+}
+
 impl Way {
-    fn new(name: String, bounds: Option<BoundsKind>, options: &Options) -> Self {
-        Self {
-            bounds,
-            refinement: Refinement::new(),
-            occluder: bounds.map(|kind| KeptOccluder::new(DepthOccluder::new([options.occluder_px; 2], kind))),
-            weight: options.lod_weight,
-            figures: WayFigures { name, ..WayFigures::default() },
-        }
+    fn new(asked: Option<(Answers, BoundsKind)>, options: &Options, gpu: Option<&Arc<Gpu>>) -> Result<Self> {
+        let name = match asked {
+            None => "without".to_owned(),
+            Some((Answers::Depths, kind)) => format!("{kind:?}").to_lowercase(),
+            Some((Answers::Queries, kind)) => format!("{kind:?}-queries").to_lowercase(),
+        };
+        let occluder = match (asked, gpu) {
+            (Some((Answers::Depths, kind)), _) => {
+                let depths = DepthOccluder::new([options.occluder_px.unwrap_or(DEPTHS_PX); 2], kind);
+                Asked::Depths(Box::new(KeptOccluder::new(depths)))
+            }
+            (Some((Answers::Queries, kind)), Some(gpu)) => {
+                Asked::Queries(Box::new(QueryOccluder::new(gpu, [options.occluder_px.unwrap_or(options.size); 2], kind)?))
+            }
+            _ => Asked::Nothing,
+        };
+        let weight = options.lod_weight;
+        Ok(Self { asked, refinement: Refinement::new(), occluder, weight, figures: WayFigures { name, ..WayFigures::default() } })
     }
 
     /// How long it takes.
-    fn refine(&mut self, subject: &Subject, look: &Look, options: &LodOptions, frame: u64) -> Duration {
+    fn refine(&mut self, subject: &Subject, look: &Look, options: &LodOptions, frame: u64) -> Result<Duration> {
         let start = Instant::now();
         let sight = LodSight {
             eye: look.projection.eye,
@@ -61,13 +81,18 @@ impl Way {
         };
         let (mut objects, refinement) = (subject.objects(), &mut self.refinement);
         match &mut self.occluder {
-            Some(occluder) => {
+            Asked::Depths(occluder) => {
                 let view = (&look.projection, frame);
                 occluder.refine(refinement, &mut objects, (&sight, options), view, (self.weight, subject.tessellated()));
             }
-            None => refinement.refine(&objects, &sight, options, None),
+            Asked::Queries(occluder) => {
+                occluder.look(&look.projection);
+                refinement.refine(&objects, &sight, options, Some((&mut **occluder, OccluderFrom::ThisFrameAlone)));
+                occluder.check()?;
+            }
+            Asked::Nothing => refinement.refine(&objects, &sight, options, None),
         }
-        start.elapsed()
+        Ok(start.elapsed())
     }
 
     /// Of all objects, those that are drawn.
@@ -121,12 +146,12 @@ impl<'a> Drawing<'a> {
 
 impl<'a> Contest<'a> {
     /// Readies what is drawn.
-    pub fn new(options: &'a Options, view: &'a View, subject: &'a Subject, gpu: Option<&Arc<Gpu>>) -> Result<Self> {
-        let kinds = options.bounds.iter().map(|bounds| Some(bounds.kind()));
-        let name = |kind: Option<BoundsKind>| kind.map_or("without".to_owned(), |kind| format!("{kind:?}").to_lowercase());
-        let ways = std::iter::once(None).chain(kinds).map(|kind| Way::new(name(kind), kind, options));
+    pub fn new(options: &'a Options, view: &'a View, subject: &'a Subject, gpu: Option<&'a Arc<Gpu>>) -> Result<Self> {
+        let kinds = |answers: Answers| options.bounds.iter().map(move |bounds| Some((answers, bounds.kind())));
+        let asked = std::iter::once(None).chain(options.answers.iter().flat_map(|answers| kinds(*answers)));
+        let ways = asked.map(|asked| Way::new(asked, options, gpu)).collect::<Result<_>>()?;
         let drawing = gpu.map(|gpu| Drawing::new(gpu, subject, [options.size; 2])).transpose()?;
-        Ok(Self { options, view, subject, ways: ways.collect(), drawing, ids: subject.ids() })
+        Ok(Self { options, view, subject, ways, drawing, gpu, ids: subject.ids() })
     }
 
     fn lod_options(&self, budget: u32, least_pixels: f32) -> LodOptions {
@@ -149,7 +174,7 @@ impl<'a> Contest<'a> {
                 // Whoever comes first has the colder caches: they take turns.
                 let at = (turn + frame as usize) % self.ways.len();
                 let way = &mut self.ways[at];
-                let refined = way.refine(self.subject, &look, &lod, frame);
+                let refined = way.refine(self.subject, &look, &lod, frame)?;
                 let drawn = self.drawing.as_mut().map(|drawing| drawing.draw(&look, way, &self.ids)).transpose()?;
                 let seen = way.seen(self.subject, &look, size_px);
                 if frame == 0 {
@@ -185,8 +210,8 @@ impl<'a> Contest<'a> {
     /// Refines until no surface is wrong by so many pixels.
     fn refine_finely(&mut self, look: &Look, whole: &Seen) -> Result<FineFigures> {
         let lod = self.lod_options(u32::MAX, self.options.pixel_error);
-        let mut way = Way::new(String::new(), self.ways.get(1).and_then(|way| way.bounds), self.options);
-        way.refine(self.subject, look, &lod, 0);
+        let mut way = Way::new(self.ways.get(1).and_then(|way| way.asked), self.options, self.gpu)?;
+        way.refine(self.subject, look, &lod, 0)?;
         let seen = way.seen(self.subject, look, whole.size_px());
         Ok(FineFigures {
             pixel_error: self.options.pixel_error,

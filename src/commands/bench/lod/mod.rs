@@ -50,6 +50,10 @@ pub struct Options {
     /// What of a split is held against the occluder.
     #[arg(long, value_name = "KIND", value_delimiter = ',', default_value = "link,cylinder,box,sphere")]
     bounds: Vec<Bounds>,
+    /// Who says what is hidden: depths on the CPU, kept over frames, or occlusion queries of the GPU, anew in each frame, as the paper has it. Both: one
+    /// behind the other.
+    #[arg(long, value_name = "WAY", value_delimiter = ',', default_value = "depths")]
+    answers: Vec<Answers>,
     /// Splits after which the occluder is drawn, up to four, ascending.
     #[arg(long, value_name = "STEPS", value_delimiter = ',', default_value = "300,2500")]
     occluders: Vec<u32>,
@@ -60,9 +64,9 @@ pub struct Options {
     /// their triangles as are likely seen (plp), by a tessellation that is made where the scene has none.
     #[arg(long, value_name = "WEIGHT", default_value_t)]
     lod_weight: DetailWeight,
-    /// Width and height of the occluder's picture, pixels.
-    #[arg(long, value_name = "PIXELS", default_value_t = 288, value_parser = clap::value_parser!(u32).range(8..=4096))]
-    occluder_px: u32,
+    /// Width and height of the occluder's picture, pixels [default: 288 of depths; of queries those of the picture]
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..=4096))]
+    occluder_px: Option<u32>,
     /// Width and height of the picture, pixels.
     #[arg(long, value_name = "PIXELS", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=8192))]
     size: u32,
@@ -104,6 +108,12 @@ impl Bounds {
     }
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Answers {
+    Depths,
+    Queries,
+}
+
 #[derive(Serialize)]
 struct Report<'a> {
     machine: Machine,
@@ -115,10 +125,14 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!(options.occluders.is_sorted_by(|a, b| a < b), "--occluders: they do not ascend");
     ensure!(options.occluders.len() <= 4, "--occluders: more than four");
     ensure!(options.pixel_error > 0.0 && options.pixel_error.is_finite(), "--pixel-error: not above 0");
+    let has_queries = options.answers.contains(&Answers::Queries);
+    let weighs = options.lod_weight != DetailWeight::None;
+    ensure!(!(has_queries && weighs), "--lod-weight: queries do not tell how much of an object is seen");
     super::claim_outputs(options.json.as_deref(), options.plots.as_deref())?;
     let is_piped = options.json.as_deref().is_some_and(is_standard_output);
     let machine = Machine::this();
     let gpu = if options.no_gpu { None } else { super::open_gpu(is_piped) };
+    ensure!(gpu.is_some() || !has_queries, "--answers: queries are of the GPU");
     if !is_piped {
         say!("{machine}");
         gpu.as_ref().inspect(|gpu| say!("{}", gpu.describe()));

@@ -71,7 +71,7 @@ impl Table {
         let copies = if *copies > 1 { format!(", {copies} in a row") } else { String::new() };
         say!("{view}: {scene}{copies}, {frames} frames of {width}x{height}: {triangles} triangles, {budget} of them drawn");
         say!(
-            "{:<10}{:>8}{:>9}{:>10}{:>10}{:>11}{:>11}{:>11}{:>9}{:>9}{:>9}{:>9}",
+            "{:<17}{:>8}{:>9}{:>10}{:>10}{:>11}{:>11}{:>11}{:>9}{:>9}{:>9}{:>9}",
             "bounds",
             "drawn",
             "visible",
@@ -91,7 +91,7 @@ impl Table {
             let sum = |way: &WayFigures| way.frame_ms.iter().skip(1).sum::<f64>();
             let cost = (sum(way) / sum(&self.ways[0]) - 1.0) * 100.0;
             say!(
-                "{:<10}{:>8}{:>9}{:>10.1}{:>10.1}{:>11.0}{:>11.2}{:>11.2}{:>9.1}{:>9.1}{:>9.2}{:>9.2}",
+                "{:<17}{:>8}{:>9}{:>10.1}{:>10.1}{:>11.0}{:>11.2}{:>11.2}{:>9.1}{:>9.1}{:>9.2}{:>9.2}",
                 way.name,
                 way.triangles.iter().max().copied().unwrap_or(0),
                 way.visible[0],
