@@ -92,7 +92,7 @@ fn package() -> Arc<Package> {
             triangles: vec![0; 3],
         },
         tessellation: None,
-        vertex_hierarchies: None,
+        hierarchies: Default::default(),
     };
     Arc::new(Package::new(scene, data).expect("a valid package"))
 }

@@ -255,7 +255,7 @@ fn arguments_that_cannot_be() {
         for given in [["--budget-percent", "5"], ["--budget-ms", "5"], ["--lod-triangles", "900"], ["--pixel-error", "1.0"]] {
             refused(&with(&[&["--quality", "exact"][..], &given].concat()), &["--quality exact", given[0]]);
         }
-        let lod = ["--quality lod", &scene, "no vertex hierarchies", "mullion prepare --lod"];
+        let lod = ["--quality lod", &scene, "no hierarchies of detail", "mullion prepare --lod"];
         refused(&with(&["--quality", "lod"]), &[&lod[..], &["--pixel-error"]].concat());
         refused(&with(&["--quality", "lod", "--lod-triangles", "900"]), &[&lod[..], &["--lod-triangles"]].concat());
         refused(&with(&["--quality", "lod", "--pixel-error", "0"]), &["--pixel-error 0", "--lod-triangles"]);
@@ -270,7 +270,7 @@ fn arguments_that_cannot_be() {
         for options in
             [&["--pixel-error", "1.0"][..], &["--lod-triangles", "900"], &["--pixel-error", "0", "--lod-triangles", "900"]]
         {
-            refused(&with(options), &[options[0], &scene, "no vertex hierarchies", "mullion prepare --lod"]);
+            refused(&with(options), &[options[0], &scene, "no hierarchies of detail", "mullion prepare --lod"]);
         }
     }
     let weighed = [&["serve", &wall, &scene, "--lod-triangles", "900", "--lod-weight", "plp"][..], &listen].concat();

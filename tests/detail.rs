@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use mullion_client::node::{self, NodeError, NodeOptions, NodeReport, PaintError};
 use mullion_client::tile_session::FrameToDraw;
-use mullion_common::scene::{Hierarchy, ObjectId, Package, VertexHierarchy};
+use mullion_common::scene::{Hierarchy, LodForm, ObjectId, Package, VertexHierarchy};
 use mullion_common::wall::WallConfig;
 use mullion_common::wire::{Detail, DetailWeight};
 use mullion_server::service::{ServiceError, Show, ShowOptions, run as run_show};
@@ -93,10 +93,11 @@ fn the_detail_outlives_the_master_and_is_for_those_who_come_late_too() {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let done = |args: &[&str]| assert_eq!(mullion(args, LIMIT).code, Some(0), "{args:?}");
     done(&["generate", "planet", "--vertices", "40000", "--out", &path("planet.glb")]);
-    done(&["prepare", &path("planet.glb"), "--lod", "--out", &path("palace.glb")]);
+    done(&["prepare", &path("planet.glb"), "--lod=clusters,vertices", "--out", &path("palace.glb")]);
     std::fs::write(folder.path().join("wall.toml"), WALL).expect("written");
     let package = Package::read(&std::fs::read(path("palace.glb")).expect("it was written")).expect("a package");
-    let table = package.scene.vertex_hierarchies.as_ref().expect("it has hierarchies");
+    assert!(package.scene.hierarchies.of(LodForm::Clusters).is_some(), "of these a budget of triangles needs nothing");
+    let table = package.scene.hierarchies.of(LodForm::Vertices).expect("it has hierarchies");
     let hierarchies = (0..table.entries().len()).map(|at| table.decode(at, &package.scene.manifest).expect("a hierarchy"));
     let vertices: u32 = hierarchies.filter_map(Hierarchy::into_vertices).map(|hierarchy| hierarchy.vertex_count()).sum();
 
@@ -153,7 +154,7 @@ fn a_show_whose_detail_cannot_be_does_not_begin() {
         assert_eq!(refusal(Some(5), pixels), format!("detail: {text} pixels; it must be 0 or more"));
     }
     assert_eq!(refusal(None, 0.0), "detail: 0 pixels and any number of triangles; that is all there is");
-    let none = "detail: the scene has no vertex hierarchies; prepare it with --lod";
+    let none = "detail: the scene has no hierarchies of detail; prepare it with --lod";
     assert_eq!([refusal(None, 1.0), refusal(Some(5), 0.0)], [none; 2]);
     let weighed = refused(Detail { weight: DetailWeight::Plp, ..DETAIL });
     assert_eq!(weighed, "detail: the scene has no tessellation to weigh objects by; prepare it with --plp");

@@ -15,13 +15,13 @@ use mullion_client::missing::WhenMissing;
 use mullion_client::node::Painter;
 use mullion_client::occlusion::Occlusion;
 use mullion_client::tile_session::{FrameToDraw, ViewToDraw};
-use mullion_common::scene::{ChunkId, ObjectId, Package};
+use mullion_common::scene::{ChunkId, LodForm, ObjectId, Package};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::{Budget, Detail, DetailWeight, Moved, Primary, ViewSpec};
 use mullion_server::generate::{GeneratedScene, write_glb};
 use mullion_server::prepare::PrepareOptions;
-use mullion_server::prepare::lod::{LodForm, LodOptions, add_vertex_hierarchies};
+use mullion_server::prepare::lod::{LodOptions, add_hierarchies};
 use mullion_server::prepare::plp::{TessellateOptions, tessellate};
 use support::tiled::{TILE_PX, composite, differing, only, specs, wall};
 
@@ -32,7 +32,7 @@ fn package(form: LodForm) -> Package {
     let path = folder.path().join("planet.glb");
     write_glb(format!("planet:{}", TRIANGLES / 2).parse::<GeneratedScene>().expect("a scene"), 1, &path).expect("written");
     let mut package = support::package(&path, &PrepareOptions::default());
-    add_vertex_hierarchies(&mut package, &LodOptions { block_vertices: 500, form, ..LodOptions::default() }, &|_, _, _| {})
+    add_hierarchies(&mut package, &LodOptions { block_vertices: 500, form, ..LodOptions::default() }, &|_, _, _| {})
         .expect("it has triangles");
     package
 }
@@ -56,7 +56,7 @@ impl<'a> Node<'a> {
         if let Some(tessellation) = &package.scene.tessellation {
             painter.take_tessellation(tessellation).expect("taken");
         }
-        let table = package.scene.vertex_hierarchies.as_ref().expect("it is there");
+        let table = package.scene.hierarchies.preferring(LodForm::Vertices).expect("they are there");
         for (number, entry) in (0..).zip(table.entries()) {
             for blob in table.blobs(number as usize).take(blobs) {
                 assert!(painter.take_hierarchy(number, &entry.objects, blob).expect("no failure").is_some_and(|bytes| bytes > 0));

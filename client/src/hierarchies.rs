@@ -1,4 +1,4 @@
-//! Which blobs of a scene's vertex hierarchies have come, what is asked for next, and for which objects they stand. Pure.
+//! Which blobs of a scene's hierarchies of detail have come, what is asked for next, and for which objects they stand. Pure.
 //!
 //! The bases of all come before any block, then block k of all before block k + 1 of any, the longest hierarchy first. Blobs of a hierarchy are handed on in their order: one
 //! that comes before its turn waits. A hierarchy of which a blob is no part of one is given up, and stands for nothing any more.

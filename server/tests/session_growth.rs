@@ -35,7 +35,7 @@ fn tessellation() -> SectionRef {
     SectionRef { kind: SectionKind::Tessellation, hash: ChunkHash([9; 32]), length: 56 }
 }
 
-/// Of its vertex hierarchies.
+/// Of its hierarchies of detail.
 fn index() -> BlobRef {
     BlobRef { hash: ChunkHash([8; 32]), length: 44 }
 }

@@ -25,7 +25,7 @@ use mullion_server::prepare::plp::TessellateOptions;
 use mullion_server::service::{self, Rate, Show, ShowOptions, ShowReport};
 use tokio::sync::watch;
 
-use super::prepare::{HowToPrepare, add_tessellation};
+use super::prepare::{HowToPrepare, add_tessellation, simplify};
 use super::quality::QualityOptions;
 use crate::birdseye::{self, Flight};
 use crate::camera::PathSource;
@@ -118,6 +118,9 @@ pub fn run(options: &Options) -> Result<()> {
     options.birdseye.as_deref().map_or(Ok(()), birdseye::claim)?;
     let scene = scene_file(&options.scene, &options.out)?;
     let mut package = open_scene(&scene, &options.how.options()?)?;
+    if let Some(form) = quality.form().filter(|_| package.scene.hierarchies.is_empty()) {
+        simplify(&mut package, form)?;
+    }
     quality.check_hierarchies(&package, &options.scene)?;
     if quality.needs_tessellation() && package.scene.tessellation.is_none() {
         add_tessellation(&mut package, &TessellateOptions::default())?;

@@ -1,17 +1,18 @@
-//! How finely `serve` and `demo` draw what has vertex hierarchies.
+//! How finely `serve` and `demo` draw what has hierarchies of detail.
 
 use std::fmt::Display;
 
 use anyhow::{Result, ensure};
-use mullion_common::scene::Package;
+use mullion_common::scene::{LodForm, Package};
 use mullion_common::wire::{Detail, DetailWeight};
+use mullion_server::prepare::lod::LodOptions;
 use mullion_server::service::ShowOptions;
 
 /// A level of detail for the wall, or all of it.
 #[derive(clap::Args, Clone, Copy)]
 #[group(skip)]
 pub struct DetailOptions {
-    /// Draw objects with vertex hierarchies as coarsely as their surfaces may be wrong by so many pixels. The scene needs hierarchies (`mullion
+    /// Draw objects with hierarchies of detail as coarsely as their surfaces may be wrong by so many pixels. The scene needs hierarchies (`mullion
     /// prepare --lod`).
     #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = pixels)]
     pixel_error: Option<f32>,
@@ -70,6 +71,11 @@ impl DetailOptions {
         Ok(())
     }
 
+    /// The form of hierarchies that is best for them, if they need some.
+    pub fn form(&self) -> Option<LodForm> {
+        self.detail().map(|detail| detail.form())
+    }
+
     /// Whether they need a tessellation.
     pub fn needs_tessellation(&self) -> bool {
         self.lod_weight == DetailWeight::Plp
@@ -94,8 +100,9 @@ impl DetailOptions {
     pub fn check_scene(&self, package: &Package, scene: impl Display) -> Result<()> {
         let Some(option) = self.name() else { return Ok(()) };
         ensure!(
-            package.scene.hierarchies().is_some(),
-            "{option}: {scene} has no vertex hierarchies: prepare it with `mullion prepare --lod`"
+            !package.scene.hierarchies.is_empty(),
+            "{option}: {scene} has no hierarchies of detail: prepare it with `mullion prepare --lod`; meshes of fewer than {} triangles get none",
+            LodOptions::default().least_triangles
         );
         Ok(())
     }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
-use mullion_common::scene::Package;
-use mullion_server::prepare::lod::{LodForm, LodOptions, LodStatistics, add_vertex_hierarchies};
+use mullion_common::scene::{LodForm, Package};
+use mullion_server::prepare::lod::{LodOptions, LodStatistics, add_hierarchies};
 use mullion_server::prepare::plp::{TessellateOptions, TessellationStatistics, tessellate};
 use mullion_server::prepare::{MAX_LEAF_TRIANGLES, PrepareOptions, statistics, write_package};
 
@@ -30,27 +30,10 @@ pub struct Options {
     /// Divide space down to this share of the scene's longest side (with --plp only) [default: 0.05].
     #[arg(long, value_name = "SHARE", requires = "plp", allow_negative_numbers = true)]
     plp_leaf: Option<f64>,
-    /// Simplify large meshes, too, so that nodes can draw them as coarsely as their distance allows: a vertex at a time, or a group of clusters.
-    #[arg(long, value_name = "FORM", num_args = 0..=1, require_equals = true, default_missing_value = "vertices")]
-    lod: Option<Form>,
-}
-
-/// Of what hierarchies are made.
-#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Form {
-    Vertices,
-    Clusters,
-}
-
-impl Form {
-    /// For preparation.
-    pub fn options(self) -> LodOptions {
-        let form = match self {
-            Self::Vertices => LodForm::Vertices,
-            Self::Clusters => LodForm::Clusters,
-        };
-        LodOptions { form, ..LodOptions::default() }
-    }
+    /// Simplify large meshes, too, so that nodes can draw them as coarsely as their distance allows: a vertex at a time (vertices), or a group of
+    /// clusters (clusters). Of both, shows with a budget of triangles draw vertices, others clusters.
+    #[arg(long, value_name = "FORM", num_args = 0..=1, require_equals = true, default_missing_value = "vertices", value_delimiter = ',')]
+    lod: Vec<LodForm>,
 }
 
 /// Choices of preparation, shared by all commands that take a scene.
@@ -86,7 +69,11 @@ pub fn run(options: &Options) -> Result<()> {
         let leaf_share = options.plp_leaf.unwrap_or(TessellateOptions::default().leaf_share);
         add_tessellation(&mut package, &TessellateOptions { leaf_share })?;
     }
-    let simplified = options.lod.map(|form| add_hierarchies(&mut package, form)).transpose()?;
+    let mut simplified = Vec::new();
+    for form in LodForm::ALL.into_iter().filter(|form| options.lod.contains(form)) {
+        let start = Instant::now();
+        simplified.push((form, simplify(&mut package, form).context("--lod")?, start.elapsed().as_secs_f64()));
+    }
     write_package(&package, &options.out)?;
     let s = statistics(&package);
     say!(
@@ -108,10 +95,10 @@ pub fn run(options: &Options) -> Result<()> {
             t.share_of_instances() * 100.0
         );
     }
-    if let Some((s, seconds)) = simplified {
-        let (form, made_of) = match options.lod {
-            Some(Form::Clusters) => ("cluster", format!("{} groups of {} clusters, ", s.groups, s.clusters)),
-            _ => ("vertex", String::new()),
+    for (form, s, seconds) in simplified {
+        let (form, made_of) = match form {
+            LodForm::Clusters => ("cluster", format!("{} groups of {} clusters, ", s.groups, s.clusters)),
+            LodForm::Vertices => ("vertex", String::new()),
         };
         say!(
             "{form} hierarchies: {} of {} vertices, {made_of}{} to {} triangles, {:.1} bytes a vertex, {seconds:.2} s",
@@ -125,14 +112,13 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Puts hierarchies into a package; also gives the seconds that it took.
-fn add_hierarchies(package: &mut Package, form: Form) -> Result<(LodStatistics, f64)> {
-    let start = Instant::now();
+/// Puts hierarchies of detail into a package.
+pub fn simplify(package: &mut Package, form: LodForm) -> Result<LodStatistics> {
     let progress = Progress::new();
     let report = |stage, done, total| progress.show(stage, done, total);
-    let statistics = add_vertex_hierarchies(package, &form.options(), &report);
+    let statistics = add_hierarchies(package, &LodOptions { form, ..LodOptions::default() }, &report);
     progress.finish();
-    Ok((statistics.context("--lod")?, start.elapsed().as_secs_f64()))
+    Ok(statistics?)
 }
 
 /// Tessellates a package's space and puts that into it.

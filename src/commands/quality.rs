@@ -4,7 +4,7 @@ use std::fmt::Display;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
-use mullion_common::scene::Package;
+use mullion_common::scene::{LodForm, Package};
 use mullion_server::service::ShowOptions;
 
 use super::budget::BudgetOptions;
@@ -60,6 +60,11 @@ impl QualityOptions {
         }
         self.detail.check()?;
         Ok(self)
+    }
+
+    /// The form of hierarchies that is best for a level of detail, if there is one.
+    pub fn form(&self) -> Option<LodForm> {
+        self.detail.form()
     }
 
     /// Whether there is a budget, or a level of detail by estimates.

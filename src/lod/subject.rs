@@ -1,4 +1,4 @@
-//! What is simplified: a package's objects that have vertex hierarchies, once or in a row.
+//! What is simplified: a package's objects that have hierarchies of detail, once or in a row.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use mullion_client::gpu::CutObject;
 use mullion_client::lod::{Cut, LodObject, StepId, Tessellated};
 use mullion_common::geometry::Aabb;
-use mullion_common::scene::{AlphaMode, Hierarchy, ObjectId, Package, Scene, Transform};
+use mullion_common::scene::{AlphaMode, Hierarchy, LodForm, ObjectId, Package, Scene, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::Look;
@@ -34,13 +34,17 @@ struct Part {
 }
 
 impl Subject {
-    /// Reads a package's hierarchies and puts copies of the scene behind each other, each `step` further.
+    /// Reads a package's hierarchies, of this form if it has some, and puts copies of the scene behind each other, each `step` further.
     ///
     /// # Errors
     /// When the package has none, or they cannot be read.
-    pub fn new(mut package: Package, copies: u32, step: DVec3) -> Result<Self> {
-        let table =
-            package.scene.hierarchies().cloned().context("no object of the scene has triangles enough to be simplified")?;
+    pub fn new(mut package: Package, form: LodForm, (copies, step): (u32, DVec3)) -> Result<Self> {
+        let table = package
+            .scene
+            .hierarchies
+            .preferring(form)
+            .cloned()
+            .context("no object of the scene has triangles enough to be simplified")?;
         let decoded = |number| table.decode(number, &package.scene.manifest).context("a hierarchy");
         let hierarchies = (0..table.entries().len()).map(decoded).collect::<Result<Vec<Hierarchy>>>()?;
         if copies > 1 {

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec2, Vec3};
-use mullion_common::scene::{ClusterHierarchy, Hierarchy, Package, VertexHierarchy};
+use mullion_common::scene::{ClusterHierarchy, Hierarchy, LodForm, Package, VertexHierarchy};
 use mullion_server::prepare::gltf::{SourceAlpha, SourceMaterial, SourceMesh, SourceNode, SourcePrimitive, SourceScene};
-use mullion_server::prepare::lod::{LodForm, LodOptions, add_vertex_hierarchies};
+use mullion_server::prepare::lod::{LodOptions, add_hierarchies};
 use mullion_server::prepare::plp::{TessellateOptions, tessellate};
 use mullion_server::prepare::{PrepareOptions, prepare};
 
@@ -54,16 +54,16 @@ fn package(objects: Vec<(Vec<SourcePrimitive>, DAffine3)>) -> Package {
     prepare(scene, &options, &|_, _, _| {}).expect("it is a scene").package
 }
 
-fn add_hierarchies(package: &mut Package, form: LodForm) {
+fn simplify(package: &mut Package, form: LodForm) {
     let lod = LodOptions { least_triangles: 1, block_vertices: 150, form };
-    add_vertex_hierarchies(package, &lod, &|_, _, _| {}).expect("it has a hierarchy");
+    add_hierarchies(package, &lod, &|_, _, _| {}).expect("it has a hierarchy");
 }
 
 /// Meshes that stand in places, with hierarchies of vertices and a tessellation.
 pub fn scene(objects: &[(&Mesh, DVec3)]) -> Package {
     let of_mesh = |mesh: &Mesh| vec![primitive((mesh.positions.clone(), mesh.triangles.clone()), None, 0)];
     let mut package = package(objects.iter().map(|(mesh, at)| (of_mesh(mesh), DAffine3::from_translation(*at))).collect());
-    add_hierarchies(&mut package, LodForm::Vertices);
+    simplify(&mut package, LodForm::Vertices);
     let tessellation = tessellate(&package, &TessellateOptions::default(), &|_, _, _| {}).expect("it has space");
     package.scene.tessellation = Some(Arc::new(tessellation));
     package
@@ -78,11 +78,11 @@ fn mesh(name: &'static str, primitives: Vec<SourcePrimitive>) -> Mesh {
     }
     let mut package = package(vec![(primitives, DAffine3::IDENTITY)]);
     let mut packed = |form| -> (Hierarchy, Vec<Vec<u8>>) {
-        add_hierarchies(&mut package, form);
+        simplify(&mut package, form);
         let mut bytes = Vec::new();
         package.write_to(&mut bytes).expect("memory takes all bytes");
         let package = Package::read(&bytes).expect("it is one");
-        let table = package.scene.vertex_hierarchies.as_ref().expect("it has some");
+        let table = package.scene.hierarchies.of(form).expect("it has some");
         assert_eq!(table.entries().len(), 1);
         let hierarchy = table.decode(0, &package.scene.manifest).expect("it is one");
         (hierarchy, table.blobs(0).map(<[u8]>::to_vec).collect())

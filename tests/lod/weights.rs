@@ -7,7 +7,7 @@ use mullion_client::lod::{
     BoundsKind, DepthOccluder, KeptOccluder, LodObject, LodOptions, LodSight, Refinement, Tessellated, Weigher,
 };
 use mullion_common::geometry::Frustum;
-use mullion_common::scene::{Hierarchy, ObjectId, Package};
+use mullion_common::scene::{Hierarchy, LodForm, ObjectId, Package};
 use mullion_common::wall::Projection;
 use mullion_common::wire::DetailWeight;
 
@@ -53,7 +53,7 @@ impl Scene {
         let spheres: Vec<_> = places.iter().map(|(side, _)| meshes::sphere(*side)).collect();
         let placed: Vec<_> = spheres.iter().zip(places).map(|(mesh, (_, at))| (mesh, *at)).collect();
         let package = meshes::scene(&placed);
-        let table = package.scene.vertex_hierarchies.as_ref().expect("it has some");
+        let table = package.scene.hierarchies.of(LodForm::Vertices).expect("it has some");
         let hierarchies = (0..table.entries().len()).map(|at| table.decode(at, &package.scene.manifest).expect("a hierarchy"));
         Self { hierarchies: hierarchies.collect(), places: places.iter().map(|(_, at)| *at).collect(), package }
     }
@@ -64,7 +64,7 @@ impl Scene {
     }
 
     fn objects(&self) -> Vec<LodObject<'_>> {
-        let table = self.package.scene.vertex_hierarchies.as_ref().expect("it has some");
+        let table = self.package.scene.hierarchies.of(LodForm::Vertices).expect("it has some");
         let transforms = &self.package.scene.manifest.transforms;
         let object = |at: &DVec3| {
             let number = transforms.iter().position(|transform| transform.affine().translation == *at).expect("it stands there");

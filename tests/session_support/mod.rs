@@ -83,7 +83,7 @@ pub fn package(leaf_count: u32) -> Arc<Package> {
             triangles: vec![0; leaf_count as usize],
         },
         tessellation: None,
-        vertex_hierarchies: None,
+        hierarchies: Default::default(),
     };
     Arc::new(Package::new(scene, data).expect("a valid package"))
 }

@@ -207,7 +207,7 @@ pub struct TileSession {
     parts: Vec<[SectionRef; 4]>,
     /// Of the scene that the show began with.
     tessellation: Option<SectionRef>,
-    /// The index of its vertex hierarchies.
+    /// The index of its hierarchies of detail.
     index: Option<BlobRef>,
     sections: Option<Sections>,
     scene: Option<OpenScene>,

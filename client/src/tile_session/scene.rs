@@ -105,7 +105,7 @@ impl TileSession {
                     return Err(format!("epoch {} has another tessellation than epoch {}", manifest.epoch, before.epoch));
                 }
                 if index != self.index {
-                    return Err(format!("epoch {} has other vertex hierarchies than epoch {}", manifest.epoch, before.epoch));
+                    return Err(format!("epoch {} has other hierarchies of detail than epoch {}", manifest.epoch, before.epoch));
                 }
                 self.growth.owed = Some(manifest.epoch);
             }

@@ -1,9 +1,94 @@
-//! A mesh of several levels of detail, of either form: vertices or clusters. The base's magic tells which.
+//! Meshes of several levels of detail, of either form: vertices or clusters. A base's magic tells which.
 
-use super::MaterialId;
+use std::fmt;
+use std::str::FromStr;
+use std::sync::Arc;
+
+use thiserror::Error;
+
 use super::cluster_hierarchy::{ClusterHierarchy, is_cluster_base};
+use super::package::SectionKind;
 use super::vertex_hierarchy::{VertexData, VertexHierarchy, VertexHierarchyError};
+use super::{HierarchyTable, MaterialId};
 use crate::geometry::Aabb;
+
+/// A form of hierarchies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LodForm {
+    /// Refined a vertex at a time: the fewest triangles for a picture as good, and the most that is known of what is hidden.
+    #[default]
+    Vertices,
+    /// Refined a group of clusters at a time: next to nothing to find, and five times as many triangles for a picture as good.
+    Clusters,
+}
+
+impl LodForm {
+    /// All.
+    pub const ALL: [Self; 2] = [Self::Vertices, Self::Clusters];
+
+    /// As users write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Vertices => "vertices",
+            Self::Clusters => "clusters",
+        }
+    }
+
+    /// The section of a package that has the tables of this form.
+    pub(super) fn section(self) -> SectionKind {
+        match self {
+            Self::Vertices => SectionKind::VertexHierarchies,
+            Self::Clusters => SectionKind::ClusterHierarchies,
+        }
+    }
+}
+
+impl fmt::Display for LodForm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// No form has this name.
+#[derive(Debug, Error, PartialEq, Eq)]
+#[error("a form is vertices or clusters")]
+pub struct UnknownForm;
+
+impl FromStr for LodForm {
+    type Err = UnknownForm;
+
+    fn from_str(text: &str) -> Result<Self, UnknownForm> {
+        Self::ALL.into_iter().find(|form| form.name() == text).ok_or(UnknownForm)
+    }
+}
+
+/// The hierarchies of a scene, those of each form apart. An object may have one of each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LodTables {
+    tables: [Option<Arc<HierarchyTable>>; LodForm::ALL.len()],
+}
+
+impl LodTables {
+    /// Takes those of a form, in the place of what was there.
+    pub fn set(&mut self, form: LodForm, table: HierarchyTable) {
+        self.tables[form as usize] = Some(Arc::new(table));
+    }
+
+    /// Those of a form, if there are any.
+    pub fn of(&self, form: LodForm) -> Option<&Arc<HierarchyTable>> {
+        self.tables[form as usize].as_ref().filter(|table| !table.entries().is_empty())
+    }
+
+    /// Those of a form, or where there are none those of another.
+    pub fn preferring(&self, form: LodForm) -> Option<&Arc<HierarchyTable>> {
+        self.of(form).or_else(|| LodForm::ALL.into_iter().find_map(|other| self.of(other)))
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        LodForm::ALL.into_iter().all(|form| self.of(form).is_none())
+    }
+}
 
 /// A hierarchy as far as it is there: the base and the first blocks.
 #[derive(Clone, Debug, PartialEq)]

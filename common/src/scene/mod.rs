@@ -27,7 +27,7 @@ pub use cluster_hierarchy::{
 pub use growth::SceneSize;
 pub use hierarchy::{HierarchyError, NodeId, ObjectHierarchy, OhNode};
 pub use leaf::{ChunkId, LeafRecord, Object, ObjectId, Presence, Transform};
-pub use lod_hierarchy::Hierarchy;
+pub use lod_hierarchy::{Hierarchy, LodForm, LodTables, UnknownForm};
 pub use material::{AlphaMode, Filter, Material, MaterialId, TextureRef, Wrap};
 pub use package::{
     ChunkKind, ChunkRecord, LeafSource, MAX_PACKAGE_BYTES, PACKAGE_VERSION, Package, PackageError, Scene, SceneManifest,

@@ -16,8 +16,8 @@ use thiserror::Error;
 
 use super::chunk_data::ChunkData;
 use super::{
-    AlphaMode, ChunkHash, ChunkId, HierarchyError, HierarchyTable, LeafRecord, MAX_CHUNK_BYTES, Material, Object,
-    ObjectHierarchy, OhNode, SceneSize, Tessellation, TessellationError, Transform, VertexHierarchyError,
+    AlphaMode, ChunkHash, ChunkId, HierarchyError, HierarchyTable, LeafRecord, LodForm, LodTables, MAX_CHUNK_BYTES, Material,
+    Object, ObjectHierarchy, OhNode, SceneSize, Tessellation, TessellationError, Transform, VertexHierarchyError,
 };
 use crate::wire::codec::{self, CodecError};
 
@@ -52,8 +52,10 @@ pub enum SectionKind {
     ChunkData = 8,
     /// A [`Tessellation`], in its own form. Not in every package.
     Tessellation = 9,
-    /// A [`HierarchyTable`], in its own form. Not in every package.
+    /// A [`HierarchyTable`] of hierarchies of vertices, in its own form. Not in every package.
     VertexHierarchies = 10,
+    /// One of hierarchies of clusters. Not in every package.
+    ClusterHierarchies = 11,
 }
 
 impl SectionKind {
@@ -62,7 +64,7 @@ impl SectionKind {
 
     fn from_u32(value: u32) -> Option<Self> {
         use SectionKind as K;
-        const ALL: [K; 10] = [
+        const ALL: [K; 11] = [
             K::Hierarchy,
             K::Objects,
             K::Transforms,
@@ -73,6 +75,7 @@ impl SectionKind {
             K::ChunkData,
             K::Tessellation,
             K::VertexHierarchies,
+            K::ClusterHierarchies,
         ];
         ALL.into_iter().find(|kind| *kind as u32 == value)
     }
@@ -188,7 +191,7 @@ pub struct Scene {
     /// Which cells of space each triangle touches, where that was asked for. Of a scene that grew: of the leaves that it began with.
     pub tessellation: Option<Arc<Tessellation>>,
     /// How coarsely objects may be drawn, where that was asked for. Of a scene that grew: of the objects that it began with.
-    pub vertex_hierarchies: Option<Arc<HierarchyTable>>,
+    pub hierarchies: LodTables,
 }
 
 /// A scene with its chunks. Packages that grew from one another share the bytes of their chunks.
@@ -221,8 +224,8 @@ pub enum PackageError {
     Hierarchy(#[from] HierarchyError),
     #[error("tessellation: {0}")]
     Tessellation(#[from] TessellationError),
-    #[error("vertex hierarchies: {0}")]
-    VertexHierarchies(#[from] VertexHierarchyError),
+    #[error("hierarchies of detail: {0}")]
+    Lod(#[from] VertexHierarchyError),
     #[error("inconsistent: {0}")]
     Inconsistent(String),
 }
@@ -283,12 +286,7 @@ impl Scene {
         self.manifest.leaves.len() as u32
     }
 
-    /// Its vertex hierarchies, if there are any.
-    pub fn hierarchies(&self) -> Option<&Arc<HierarchyTable>> {
-        self.vertex_hierarchies.as_ref().filter(|table| !table.entries().is_empty())
-    }
-
-    /// The bytes of one section. Empty for [`SectionKind::ChunkData`], which the package holds, and for a tessellation or vertex
+    /// The bytes of one section. Empty for [`SectionKind::ChunkData`], which the package holds, and for a tessellation or
     /// hierarchies that are not there.
     ///
     /// # Errors
@@ -299,11 +297,14 @@ impl Scene {
             SectionKind::Objects => encode_section(kind, &self.objects),
             SectionKind::Sources => encode_section(kind, &self.sources),
             SectionKind::Tessellation => Ok(self.tessellation.as_ref().map(|t| t.encode()).unwrap_or_default()),
-            SectionKind::VertexHierarchies => {
-                Ok(self.vertex_hierarchies.as_ref().map(|table| table.section_bytes()).unwrap_or_default())
-            }
+            SectionKind::VertexHierarchies => Ok(self.table_bytes(LodForm::Vertices)),
+            SectionKind::ClusterHierarchies => Ok(self.table_bytes(LodForm::Clusters)),
             for_tiles => self.manifest.section_since(for_tiles, SceneSize::default()),
         }
+    }
+
+    fn table_bytes(&self, form: LodForm) -> Vec<u8> {
+        self.hierarchies.of(form).map(|table| table.section_bytes()).unwrap_or_default()
     }
 }
 
@@ -387,8 +388,8 @@ impl Package {
         if let Some(tessellation) = &self.scene.tessellation {
             sections.push((SectionKind::Tessellation, tessellation.encode()));
         }
-        if let Some(table) = &self.scene.vertex_hierarchies {
-            sections.push((SectionKind::VertexHierarchies, table.section_bytes()));
+        for form in LodForm::ALL.into_iter().filter(|form| self.scene.hierarchies.of(*form).is_some()) {
+            sections.push((form.section(), self.scene.table_bytes(form)));
         }
         let mut all: Vec<(SectionKind, Vec<&[u8]>)> =
             sections.iter().map(|(kind, bytes)| (*kind, vec![bytes.as_slice()])).collect();
@@ -426,14 +427,16 @@ impl Package {
             Ok(bytes) => Some(Arc::new(Tessellation::decode(bytes, &manifest)?)),
             Err(_) => None,
         };
-        let vertex_hierarchies = match get(SectionKind::VertexHierarchies) {
-            Ok(bytes) => Some(Arc::new(HierarchyTable::from_section(bytes, &manifest)?)),
-            Err(_) => None,
-        };
+        let mut hierarchies = LodTables::default();
+        for form in LodForm::ALL {
+            if let Ok(bytes) = get(form.section()) {
+                hierarchies.set(form, HierarchyTable::from_section(bytes, &manifest)?);
+            }
+        }
         let scene = Scene {
             hierarchy: Arc::new(ObjectHierarchy::new(nodes)?),
             tessellation,
-            vertex_hierarchies,
+            hierarchies,
             manifest,
             objects: decode_section(SectionKind::Objects, get(SectionKind::Objects)?)?,
             sources: decode_section(SectionKind::Sources, get(SectionKind::Sources)?)?,

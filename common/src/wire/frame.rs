@@ -79,7 +79,7 @@ pub struct Frame {
     pub primary: Option<Box<Primary>>,
     /// To which budget an estimate of what is visible is drawn, the same for all nodes; `None`: all that is seen is drawn.
     pub estimate: Option<Estimate>,
-    /// How finely vertex hierarchies are drawn, the same for all nodes; `None`: they are not, and leaves are.
+    /// How finely hierarchies of detail are drawn, the same for all nodes; `None`: they are not, and leaves are.
     pub detail: Option<Detail>,
     /// Every object that moved since the base, or since the manifest where there is no base.
     pub moved: Vec<Moved>,

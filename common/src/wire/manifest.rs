@@ -2,7 +2,7 @@
 //!
 //! A scene has parts: the one that a show began with, and one for each time that it grew. A part has one section of each kind in
 //! [`SectionKind::FOR_TILES`]; sections of one kind are joined in the order in which they are named. What is in one part keeps its
-//! numbers when another comes. A tessellation and vertex hierarchies are of the first part, and hold for the scene that it has become.
+//! numbers when another comes. A tessellation and hierarchies of detail are of the first part, and hold for the scene that it has become.
 
 use serde::{Deserialize, Serialize};
 
@@ -30,7 +30,7 @@ pub struct Manifest {
     pub sections: Vec<SectionRef>,
     /// The tessellation of the scene that the show began with, where it has one; the same in all manifests of a connection.
     pub tessellation: Option<SectionRef>,
-    /// The bytes of the [`HierarchyIndex`](crate::scene::HierarchyIndex) of the scene that the show began with, where it has vertex hierarchies; the
+    /// The bytes of the [`HierarchyIndex`](crate::scene::HierarchyIndex) of the scene that the show began with, where it has hierarchies of detail; the
     /// same in all manifests of a connection.
     pub hierarchies: Option<BlobRef>,
 }

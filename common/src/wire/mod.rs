@@ -24,7 +24,7 @@
 //! | 4 | [`Stats`] | node, control | the fields of [`Stats`] |
 //! | 5 | [`Bye`] | either, both | code u32, reason string; the same in every version |
 //! | 6 | [`Welcome`] | master, control | the fields of [`Welcome`] |
-//! | 7 | [`Manifest`] | master, control | epoch u32, list of (section kind u32, hash 32 bytes, length u64), the tessellation as an `Option` of the same, the index of vertex hierarchies as an `Option` of (hash 32 bytes, length u32) |
+//! | 7 | [`Manifest`] | master, control | epoch u32, list of (section kind u32, hash 32 bytes, length u64), the tessellation as an `Option` of the same, the index of hierarchies of detail as an `Option` of (hash 32 bytes, length u32) |
 //! | 8 | [`Frame`] | master, control | see [`Frame`] |
 //! | 9 | Swap | master, control | frame u64 |
 //! | 10 | Alive | master, control | nothing; sent where nothing else was for a second |
@@ -71,7 +71,7 @@
 //! took, from which the master learns how many triangles a wall has time for.
 //!
 //! # In detail
-//! A frame may say how finely objects with vertex hierarchies are drawn ([`Detail`]). The manifest names an index, and that the blobs of each: a base
+//! A frame may say how finely objects with hierarchies of detail are drawn ([`Detail`]). The manifest names an index, and that the blobs of each: a base
 //! and blocks, coarse first. A node fetches them only then, and draws what has come of them in the place of these objects' leaves.
 
 pub mod codec;

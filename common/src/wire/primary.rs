@@ -9,6 +9,7 @@ use thiserror::Error;
 
 use super::{MAX_PRIMARY_PLANES, WireError, within};
 use crate::geometry::Plane;
+use crate::scene::LodForm;
 
 /// Into which part of space a wall looks, and how finely. The eye is the frame's [`shared_eye`](super::Frame::shared_eye).
 #[derive(Debug, Default, PartialEq)]
@@ -75,7 +76,7 @@ impl FromStr for DetailWeight {
     }
 }
 
-/// How finely a frame draws what has vertex hierarchies. Visible sets stay what they are.
+/// How finely a frame draws what has hierarchies of detail. Visible sets stay what they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Detail {
     /// Most triangles of all that is simplified, all tiles of the wall together.
@@ -86,6 +87,14 @@ pub struct Detail {
     pub hides: bool,
     /// Which objects come first. Where nothing hides, all count alike.
     pub weight: DetailWeight,
+}
+
+impl Detail {
+    /// The form of hierarchies that is best for it, where a scene has both. In a budget of triangles, that of which fewer make as good a
+    /// picture; without one, that of which a picture as good costs less (`mullion bench lod --form`).
+    pub fn form(&self) -> LodForm {
+        if self.triangles.is_some() { LodForm::Vertices } else { LodForm::Clusters }
+    }
 }
 
 impl Clone for Primary {

@@ -36,7 +36,7 @@ pub struct MasterOptions {
     pub sections: Vec<SectionRef>,
     /// The tessellation of what the show began with, where that has one.
     pub tessellation: Option<SectionRef>,
-    /// The index of the vertex hierarchies of what the show began with, where that has some.
+    /// The index of the hierarchies of detail of what the show began with, where that has some.
     pub hierarchies: Option<BlobRef>,
     /// What the scene has grown by under masters before.
     pub insertions: Vec<Insertion>,
@@ -44,7 +44,7 @@ pub struct MasterOptions {
     pub adaptive: Option<Adaptive>,
     /// Estimates of what is visible are drawn, within a budget; `None`: all that is seen is drawn. For scenes with a tessellation.
     pub estimates: Option<EstimateOptions>,
-    /// How finely vertex hierarchies are drawn, in every frame; `None`: leaves are drawn. Nobody is told where there are no hierarchies.
+    /// How finely hierarchies of detail are drawn, in every frame; `None`: leaves are drawn. Nobody is told where there are no hierarchies.
     pub detail: Option<Detail>,
     /// Makes session numbers unguessable: random bytes, fresh for each run.
     pub session_seed: [u8; 32],

@@ -381,7 +381,7 @@ impl Master {
         self.primary.planes.extend(input.primary.iter().take(MAX_PRIMARY_PLANES)); // fewer hold more
     }
 
-    /// How finely vertex hierarchies are drawn, if there are any.
+    /// How finely hierarchies of detail are drawn, if there are any.
     fn detail(&self) -> Option<Detail> {
         self.options.detail.filter(|_| self.options.hierarchies.is_some())
     }

@@ -7,8 +7,8 @@ use std::sync::atomic::AtomicU64;
 use glam::{DAffine3, Vec3};
 use mullion_common::geometry::{Aabb, Obb, axis_lengths};
 use mullion_common::scene::{
-    AlphaMode, ChunkId, ChunkKind, Filter, GeometryChunk, LeafRecord, LeafSource, Material, MaterialId, Object, ObjectHierarchy,
-    ObjectId, OhNode, Package, Scene, SceneManifest, Sources, TextureRef, Transform, Wrap,
+    AlphaMode, ChunkId, ChunkKind, Filter, GeometryChunk, LeafRecord, LeafSource, LodTables, Material, MaterialId, Object,
+    ObjectHierarchy, ObjectId, OhNode, Package, Scene, SceneManifest, Sources, TextureRef, Transform, Wrap,
 };
 use mullion_common::visible_set::LeafRange;
 use rayon::prelude::*;
@@ -80,7 +80,7 @@ pub fn prepare(source: SourceScene, options: &PrepareOptions, progress: Progress
         triangles: table.triangles,
     };
     let objects = name_objects(placed, &nodes, &manifest.leaves);
-    let scene = Scene { hierarchy, manifest, objects, sources, tessellation: None, vertex_hierarchies: None };
+    let scene = Scene { hierarchy, manifest, objects, sources, tessellation: None, hierarchies: LodTables::default() };
     let package = Package::new(scene, chunks.data).map_err(package_error)?;
     progress("building hierarchy", 1, 1);
     Ok(Prepared { package, warnings })

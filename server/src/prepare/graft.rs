@@ -89,7 +89,7 @@ pub fn graft(base: &Package, added: &Package, at: &Placement) -> Result<Package,
         objects: join_objects(old, new, at),
         sources: join_sources(&old.sources, &new.sources),
         tessellation: old.tessellation.clone(),
-        vertex_hierarchies: old.vertex_hierarchies.clone(),
+        hierarchies: old.hierarchies.clone(),
     };
     Ok(base.grown(scene, added_bytes)?)
 }

@@ -1,10 +1,10 @@
-//! Bytes by their names: the chunks of a package, the sections that tiles need, and what vertex hierarchies consist of.
+//! Bytes by their names: the chunks of a package, the sections that tiles need, and what hierarchies of detail consist of.
 
 use std::collections::HashMap;
 use std::sync::{Arc, PoisonError, RwLock};
 
 use mullion_common::scene::{
-    BlobRef, ChunkHash, ChunkId, HierarchyIndex, HierarchyTable, Package, PackageError, SceneSize, SectionKind,
+    BlobRef, ChunkHash, ChunkId, HierarchyIndex, HierarchyTable, LodForm, Package, PackageError, SceneSize, SectionKind,
 };
 use mullion_common::wire::{MAX_TILE_SECTION_BYTES, SectionRef};
 
@@ -51,12 +51,12 @@ impl Part {
         tessellation.map(|tessellation| self.add(SectionKind::Tessellation, tessellation.encode())).transpose()
     }
 
-    /// Adds the scene's vertex hierarchies, if it has some: their index, which is named, and all that is named there.
+    /// Adds the scene's hierarchies of a form, or of another where it has none of that: their index, which is named, and all that is named there.
     ///
     /// # Errors
     /// When something of them is larger than nodes take.
-    pub fn add_hierarchies(&mut self, package: &Package) -> Result<Option<BlobRef>, ServiceError> {
-        let Some(table) = package.scene.hierarchies() else { return Ok(None) };
+    pub fn add_hierarchies(&mut self, package: &Package, form: LodForm) -> Result<Option<BlobRef>, ServiceError> {
+        let Some(table) = package.scene.hierarchies.preferring(form) else { return Ok(None) };
         let index = HierarchyIndex::of(table).map_err(PackageError::from)?;
         for (number, hierarchy) in index.hierarchies.iter().enumerate() {
             let places = (0..).map(|blob| Place::OfHierarchy(number, blob));
@@ -144,6 +144,35 @@ fn sendable(kind: SectionKind, length: u64) -> Result<u64, ServiceError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Of a scene with hierarchies of both forms, nodes hear of those that are best for the detail; of one with those of one form, of these.
+    #[test]
+    fn hierarchies_of_the_wanted_form_are_named_or_those_that_there_are() {
+        let blob = |form: LodForm| form.name().as_bytes().to_vec();
+        let package_of = |forms: &[LodForm]| {
+            let mut package = Package::default();
+            for form in forms {
+                let mut table = HierarchyTable::default();
+                table.push(Vec::new(), &[blob(*form)]);
+                package.scene.hierarchies.set(*form, table);
+            }
+            package
+        };
+        let named = |forms: &[LodForm], wanted: LodForm| {
+            let package = package_of(forms);
+            let (mut part, _) = Part::since(SceneSize::default(), &package).unwrap();
+            let index = part.add_hierarchies(&package, wanted).unwrap();
+            let is_named = |form: &LodForm| part.places.contains_key(&ChunkHash::of(&blob(*form)));
+            (index.is_some(), LodForm::ALL.into_iter().filter(is_named).collect::<Vec<_>>())
+        };
+        for wanted in LodForm::ALL {
+            assert_eq!(named(&LodForm::ALL, wanted), (true, vec![wanted]));
+            assert_eq!(named(&[], wanted), (false, Vec::new()));
+            for only in LodForm::ALL {
+                assert_eq!(named(&[only], wanted), (true, vec![only]));
+            }
+        }
+    }
 
     #[test]
     fn a_section_that_no_node_takes_is_an_error_before_the_show() {

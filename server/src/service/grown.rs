@@ -4,7 +4,7 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use mullion_common::scene::{BlobRef, Package, SceneSize};
+use mullion_common::scene::{BlobRef, LodForm, Package, SceneSize};
 use mullion_common::wire::{Insertion, SectionRef};
 use thiserror::Error;
 
@@ -23,7 +23,7 @@ pub(super) struct Grown {
     sections: Vec<SectionRef>,
     /// Of what the show began with.
     tessellation: Option<SectionRef>,
-    /// The index of the vertex hierarchies of what the show began with.
+    /// The index of the hierarchies of what the show began with.
     hierarchies: Option<BlobRef>,
     insertions: Vec<Insertion>,
 }
@@ -76,13 +76,14 @@ pub(super) enum GrowError {
 }
 
 impl Grown {
-    /// What a show begins with.
+    /// What a show begins with, where it draws by hierarchies with those of this form if there are some.
     ///
     /// # Errors
     /// When a section is larger than nodes take.
-    pub fn new(package: Arc<Package>) -> Result<Self, ServiceError> {
+    pub fn new(package: Arc<Package>, form: Option<LodForm>) -> Result<Self, ServiceError> {
         let (mut part, sections) = Part::since(SceneSize::default(), &package)?;
-        let (tessellation, hierarchies) = (part.add_tessellation(&package)?, part.add_hierarchies(&package)?);
+        let tessellation = part.add_tessellation(&package)?;
+        let hierarchies = form.map_or(Ok(None), |form| part.add_hierarchies(&package, form))?;
         Ok(Self { package, parts: vec![Arc::new(part)], sections, tessellation, hierarchies, insertions: Vec::new() })
     }
 

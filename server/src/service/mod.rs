@@ -98,7 +98,7 @@ pub async fn serve_over(mut listener: impl Listener, mut show: Show) -> Result<S
         Rate::Hz(hz) => return Err(ServiceError::Rate(hz)),
     };
     show.check()?;
-    let first = Grown::new(Arc::clone(&show.package))?;
+    let first = Grown::new(Arc::clone(&show.package), show.options.detail.map(|detail| detail.form()))?;
     let identity = StandbyHello::of(&show.wall, first.sections()).map_err(io::Error::other)?;
     let mut other = show.options.standby_of.clone();
     let (mut report, mut own, mut grown) = (ShowReport::default(), None, first.clone());

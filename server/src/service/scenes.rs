@@ -233,7 +233,7 @@ mod tests {
 
         /// A standby whose own scene has grown by these.
         fn standby(&self, own: &[&str]) -> Scenes {
-            let first = Grown::new(Arc::default()).unwrap();
+            let first = Grown::new(Arc::default(), None).unwrap();
             let own = own.iter().fold(first.clone(), |grown, name| grown.with(&insertion(name), Some(&self.open())).unwrap());
             Scenes::new(&first, &own, Some(self.open()))
         }

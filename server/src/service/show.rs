@@ -98,7 +98,7 @@ pub struct ShowOptions {
     pub budget: Option<ShowBudget>,
     /// Whether all that is seen is drawn when the camera rests, whatever the budget.
     pub completes: bool,
-    /// How finely objects with vertex hierarchies are drawn, for packages that have some: triangles more than 0, or pixels. `None`: all
+    /// How finely objects with hierarchies of detail are drawn, for packages that have some: triangles more than 0, or pixels. `None`: all
     /// of their triangles are.
     pub detail: Option<Detail>,
     /// Packages that other masters may insert: a standby must have what its master's scene grows by.
@@ -155,7 +155,7 @@ impl Show {
         if is_by_estimate && self.package.scene.tessellation.is_none() {
             return Err(ServiceError::NoEstimates);
         }
-        if detail.is_none() || self.package.scene.hierarchies().is_some() { Ok(()) } else { Err(ServiceError::NoHierarchies) }
+        if detail.is_none() || !self.package.scene.hierarchies.is_empty() { Ok(()) } else { Err(ServiceError::NoHierarchies) }
     }
 }
 
@@ -209,7 +209,7 @@ pub enum ServiceError {
     )]
     TessellationTooLarge { length: u64 },
     #[error(
-        "scene: the index of its vertex hierarchies has {length} bytes; nodes take at most {MAX_TILE_SECTION_BYTES}: prepare it without --lod"
+        "scene: the index of its hierarchies has {length} bytes; nodes take at most {MAX_TILE_SECTION_BYTES}: prepare it without --lod"
     )]
     IndexTooLarge { length: u64 },
     #[error("rate: {0} frames a second; it must be more than 0")]
@@ -222,7 +222,7 @@ pub enum ServiceError {
     NoTessellation,
     #[error("detail: {0}")]
     Detail(String),
-    #[error("detail: the scene has no vertex hierarchies; prepare it with --lod")]
+    #[error("detail: the scene has no hierarchies of detail; prepare it with --lod")]
     NoHierarchies,
     #[error("detail: the scene has no tessellation to weigh objects by; prepare it with --plp")]
     NoEstimates,

@@ -287,7 +287,7 @@ fn other_hierarchies_are_another_scene_and_no_later_epoch() {
     let ToTile::Manifest(Manifest { sections, hierarchies, .. }) = detailed_manifest(&other) else { unreachable!("a manifest") };
     let sections = [&sections[..], &sections[..]].concat();
     session.handle_message(ToTile::Manifest(Manifest { epoch: 2, sections, tessellation: None, hierarchies }));
-    assert_eq!(left(&mut session), "epoch 2 has other vertex hierarchies than epoch 1");
+    assert_eq!(left(&mut session), "epoch 2 has other hierarchies of detail than epoch 1");
 }
 
 #[test]
@@ -303,7 +303,7 @@ fn what_is_no_index_of_the_scene_ends_the_connection() {
     }
     session.handle_blob(ChunkHash::of(&bad), bad);
     let reason = left(&mut session);
-    assert!(reason.starts_with("the scene: vertex hierarchies: "), "{reason}");
+    assert!(reason.starts_with("the scene: hierarchies of detail: "), "{reason}");
     let mut session = TileSession::without_scene("n", None);
     session.connected();
     session.handle_message(welcome());

@@ -20,11 +20,10 @@ mod source;
 mod statistics;
 mod surface;
 
-use std::sync::Arc;
 
 use mullion_common::scene::{
-    BaseMesh, BlockParts, ClusterBlock, ClusterHierarchy, HierarchyTable, MAX_BLOCK_VERTICES, Package, PackedBounds, Split,
-    VertexHierarchy, VertexHierarchyError,
+    BaseMesh, BlockParts, ClusterBlock, ClusterHierarchy, HierarchyTable, LodForm, MAX_BLOCK_VERTICES, Package, PackedBounds,
+    Split, VertexHierarchy, VertexHierarchyError,
 };
 use thiserror::Error;
 
@@ -47,16 +46,6 @@ pub struct LodOptions {
     pub form: LodForm,
 }
 
-/// A form of hierarchies.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum LodForm {
-    /// Refined a vertex at a time: [`VertexHierarchy`].
-    #[default]
-    Vertices,
-    /// Refined a group of clusters at a time: [`ClusterHierarchy`].
-    Clusters,
-}
-
 impl Default for LodOptions {
     fn default() -> Self {
         Self { least_triangles: 2048, block_vertices: 16_384, form: LodForm::Vertices }
@@ -73,17 +62,14 @@ pub enum LodError {
     Hierarchy(#[from] VertexHierarchyError),
 }
 
-/// Puts a hierarchy of the options' form into the package for each mesh that is large enough. The same package and options give the same hierarchies.
+/// Puts a hierarchy of the options' form into the package for each mesh that is large enough, in the place of those of this form that it has.
+/// The same package and options give the same hierarchies.
 ///
 /// An object has one if all of its leaves are of materials that do not blend; objects with the same leaves share it.
 ///
 /// # Errors
 /// For an option out of range.
-pub fn add_vertex_hierarchies(
-    package: &mut Package,
-    options: &LodOptions,
-    progress: ProgressFn<'_>,
-) -> Result<LodStatistics, LodError> {
+pub fn add_hierarchies(package: &mut Package, options: &LodOptions, progress: ProgressFn<'_>) -> Result<LodStatistics, LodError> {
     let groups = source::groups(package, options.least_triangles);
     let mut table = HierarchyTable::default();
     let mut statistics = LodStatistics::default();
@@ -111,7 +97,7 @@ pub fn add_vertex_hierarchies(
         table.push(group.objects, &blobs);
     }
     progress(STAGE, total, total);
-    package.scene.vertex_hierarchies = Some(Arc::new(table));
+    package.scene.hierarchies.set(options.form, table);
     Ok(statistics)
 }
 

@@ -11,6 +11,7 @@ use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use glam::DVec3;
 use mullion_client::lod::BoundsKind;
+use mullion_common::scene::LodForm;
 use mullion_common::wire::DetailWeight;
 use mullion_server::prepare::plp::TessellateOptions;
 use serde::Serialize;
@@ -20,7 +21,7 @@ use self::table::Table;
 use self::views::{VIEWS, View};
 use super::machine::Machine;
 use crate::camera::parse_point;
-use crate::commands::prepare::{Form, HowToPrepare, add_tessellation};
+use crate::commands::prepare::{HowToPrepare, add_tessellation};
 use crate::files::{is_standard_output, write_json};
 use crate::lod::Subject;
 use crate::say::say;
@@ -46,7 +47,7 @@ pub struct Options {
     triangles: u32,
     /// What hierarchies are made of; more than one: each, one behind the other [default: as the package has them, or of vertices]
     #[arg(long, value_name = "FORM", value_delimiter = ',')]
-    form: Vec<Form>,
+    form: Vec<LodForm>,
     /// What of a split is held against the occluder.
     #[arg(long, value_name = "KIND", value_delimiter = ',', default_value = "link,cylinder,box,sphere")]
     bounds: Vec<Bounds>,
@@ -144,7 +145,7 @@ pub fn run(options: &Options) -> Result<()> {
         (names, _) => views::named(names)?,
     };
     let mut tables = Vec::new();
-    let mut subject: Option<(String, u32, Option<Form>, Subject)> = None;
+    let mut subject: Option<(String, u32, Option<LodForm>, Subject)> = None;
     let forms = || if options.form.is_empty() { vec![None] } else { options.form.iter().copied().map(Some).collect() };
     for (view, form) in views.into_iter().flat_map(|view| forms().into_iter().map(move |form| (view, form))) {
         let view = view.from(options.eye, options.at);
@@ -162,7 +163,7 @@ pub fn run(options: &Options) -> Result<()> {
             add_tessellation(&mut subject.package, &TessellateOptions::default())?;
         }
         let name = Path::new(&scene).file_name().map_or(scene.clone(), |name| name.to_string_lossy().into_owned());
-        let name = form.map_or(name.clone(), |form| format!("{name} as {form:?}").to_lowercase());
+        let name = form.map_or(name.clone(), |form| format!("{name} as {form}"));
         let table = Contest::new(options, &view, subject, gpu.as_ref())?.run(&name)?;
         if !is_piped {
             table.print();

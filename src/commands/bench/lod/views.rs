@@ -4,13 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use glam::{DAffine3, DQuat, DVec3};
+use mullion_common::scene::LodForm;
 use mullion_server::prepare::PrepareOptions;
-use mullion_server::prepare::lod::add_vertex_hierarchies;
 
-use crate::commands::prepare::Form;
+use crate::commands::prepare::simplify;
 use crate::files::open_named_scene;
 use crate::lod::{Look, Subject};
-use crate::progress::Progress;
 
 /// A scene from one side, and how it goes on from there.
 #[derive(Clone, Copy, Debug)]
@@ -116,17 +115,13 @@ impl View {
     }
 
     /// What is seen of a scene, as hierarchies of a form; without one, as the package has them.
-    pub fn open(&self, scene: &str, options: &PrepareOptions, form: Option<Form>) -> Result<Subject> {
+    pub fn open(&self, scene: &str, options: &PrepareOptions, form: Option<LodForm>) -> Result<Subject> {
         let mut package = open_named_scene(scene, options)?;
-        if form.is_some() || package.scene.vertex_hierarchies.is_none() {
-            let progress = Progress::new();
-            let added = add_vertex_hierarchies(&mut package, &form.unwrap_or(Form::Vertices).options(), &|stage, done, total| {
-                progress.show(stage, done, total)
-            });
-            progress.finish();
-            added.with_context(|| scene.to_owned())?;
+        let wanted = form.unwrap_or_default();
+        if form.map_or(package.scene.hierarchies.is_empty(), |form| package.scene.hierarchies.of(form).is_none()) {
+            simplify(&mut package, wanted).with_context(|| scene.to_owned())?;
         }
-        Subject::new(package, self.copies, self.step())
+        Subject::new(package, wanted, (self.copies, self.step()))
     }
 
     /// From one copy to the next: away from the eye.
