@@ -20,7 +20,6 @@ mod source;
 mod statistics;
 mod surface;
 
-
 use mullion_common::scene::{
     BaseMesh, BlockParts, ClusterBlock, ClusterHierarchy, HierarchyTable, LodForm, MAX_BLOCK_VERTICES, Package, PackedBounds,
     Split, VertexHierarchy, VertexHierarchyError,
