@@ -156,6 +156,9 @@ fn a_show_whose_detail_cannot_be_does_not_begin() {
     assert_eq!(refusal(None, 0.0), "detail: 0 pixels and any number of triangles; that is all there is");
     let none = "detail: the scene has no hierarchies of detail; prepare it with --lod";
     assert_eq!([refusal(None, 1.0), refusal(Some(5), 0.0)], [none; 2]);
+    for detail in [Detail { triangles: None, ..DETAIL }, Detail { hides: false, ..DETAIL }] {
+        assert_eq!(refused(detail), "detail: weight nohc; it needs a number of triangles, and what hides others");
+    }
     let weighed = refused(Detail { weight: DetailWeight::Plp, ..DETAIL });
     assert_eq!(weighed, "detail: the scene has no tessellation to weigh objects by; prepare it with --plp");
 }

@@ -43,7 +43,7 @@ pub trait Painter {
     fn take_tessellation(&mut self, _tessellation: &Arc<Tessellation>) -> Result<(), PaintError> {
         Ok(())
     }
-    /// Take the next blob of a vertex hierarchy, whose hash is right, for frames that are drawn in detail: once for each, in their order, the
+    /// Take the next blob of a hierarchy of detail, whose hash is right, for frames that are drawn in detail: once for each, in their order, the
     /// base first. `number` is the same for all of a hierarchy, `objects` are those in whose leaves' place it is drawn, from the base on. It
     /// stays until it is forgotten, or a scene is opened. Gives how many bytes the hierarchy takes as far as it has come; none where the blob is no part of one
     /// after those before: then nothing more comes of it, and its objects are drawn from their leaves. Who draws no hierarchies gives none.

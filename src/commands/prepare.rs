@@ -67,7 +67,7 @@ pub fn run(options: &Options) -> Result<()> {
     let mut package = open_scene(&options.scene, &options.how.options()?)?;
     if options.plp {
         let leaf_share = options.plp_leaf.unwrap_or(TessellateOptions::default().leaf_share);
-        add_tessellation(&mut package, &TessellateOptions { leaf_share })?;
+        add_tessellation(&mut package, &TessellateOptions { leaf_share }).context("--plp")?;
     }
     let mut simplified = Vec::new();
     for form in LodForm::ALL.into_iter().filter(|form| options.lod.contains(form)) {
@@ -126,6 +126,6 @@ pub fn add_tessellation(package: &mut Package, options: &TessellateOptions) -> R
     let progress = Progress::new();
     let tessellation = tessellate(package, options, &|stage, done, total| progress.show(stage, done, total));
     progress.finish();
-    package.scene.tessellation = Some(Arc::new(tessellation.context("--plp")?));
+    package.scene.tessellation = Some(Arc::new(tessellation?));
     Ok(())
 }

@@ -197,7 +197,7 @@ impl QueryOccluder {
         Ok(())
     }
 
-    /// After an error nothing is asked.
+    /// After an error nothing is asked, until [`QueryOccluder::check`] has told of it.
     fn note(&mut self, done: Result<(), GpuError>) {
         if let Err(error) = done {
             self.error.get_or_insert(error);
@@ -211,8 +211,10 @@ impl QueryOccluder {
 impl Occluder for QueryOccluder {
     fn draw(&mut self, objects: &[LodObject<'_>], cuts: &[Cut]) {
         self.forget();
-        let drawn = self.draw_cuts(objects, cuts);
-        self.note(drawn);
+        if self.error.is_none() {
+            let drawn = self.draw_cuts(objects, cuts);
+            self.note(drawn);
+        }
     }
 
     fn hides(&mut self, object: usize, hierarchy: &Hierarchy, step: StepId) -> Option<Hidden> {

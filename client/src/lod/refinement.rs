@@ -273,8 +273,13 @@ impl Refinement {
                 let added = self.find_needed(hierarchy, object, node.step, options.budget);
                 if self.triangle_count.saturating_add(added) > options.budget {
                     misfits += 1;
-                    if misfits > MOST_MISFITS || self.triangle_count.saturating_add(FEWEST_LEFT) > options.budget {
+                    if self.triangle_count.saturating_add(FEWEST_LEFT) > options.budget {
                         break;
+                    }
+                    if misfits > MOST_MISFITS {
+                        // What waits came before these.
+                        let Some((occluder, _)) = occluder.as_mut().filter(|_| !self.waiting.is_empty()) else { break };
+                        self.take_late(*occluder, Wait::ForSome);
                     }
                     continue;
                 }
@@ -302,6 +307,9 @@ impl Refinement {
         self.hidden.clear();
         self.waiting.clear();
         (self.triangle_count, self.steps, self.question_count) = (0, 0, 0);
+        if self.picture == 0 {
+            self.next_picture(); // nobody was asked about that one
+        }
         self.least_pixels = options.least_pixels.max(f32::MIN_POSITIVE);
         self.sights.clear();
         self.sights.extend(objects.iter().map(|object| LocalSight::new(sight, object)));

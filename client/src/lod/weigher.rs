@@ -37,14 +37,15 @@ pub struct Weigher {
 #[derive(Debug, Default)]
 struct Weighed {
     sight: LocalSight,
-    /// Triangles in sight with their fronts to the eye, and of these those that are taken to be seen.
+    /// Triangles with their fronts to the eye, of leaves whose boxes are in sight, and of these those that are taken to be seen.
     all: u32,
     seen: u32,
 }
 
 impl Weigher {
-    /// Finds for each object, 0 to 1, which share of its triangles is taken to be seen of those in sight that face the eye. `None`: it has
-    /// none there, the tessellation does not know it, or it stands elsewhere than the package has it.
+    /// Finds for each object, 0 to 1, which share of its triangles is taken to be seen, of those that face the eye and are of leaves whose boxes
+    /// are in sight: what reaches far out of the picture weighs less. `None`: it has none there, the tessellation does not know it, or it
+    /// stands elsewhere than the package has it.
     ///
     /// Depends on the scene, its tessellation, the sight and the objects alone.
     pub fn weigh<'a>(

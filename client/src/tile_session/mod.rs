@@ -130,7 +130,7 @@ pub enum Action {
     OpenScene(Arc<SceneManifest>, Arc<[ViewSpec]>),
     /// The tessellation of the scene that was just opened, which a scene without one lacks. It stays when the scene grows.
     TakeTessellation(Arc<Tessellation>),
-    /// The next blob of a vertex hierarchy of the open scene, whose hash is right: the base first. Call [`TileSession::hierarchy_taken`].
+    /// The next blob of a hierarchy of detail of the open scene, whose hash is right: the base first. Call [`TileSession::hierarchy_taken`].
     TakeHierarchy {
         /// Which hierarchy.
         number: u32,

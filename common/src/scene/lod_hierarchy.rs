@@ -15,10 +15,10 @@ use crate::geometry::Aabb;
 /// A form of hierarchies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LodForm {
-    /// Refined a vertex at a time: the fewest triangles for a picture as good, and the most that is known of what is hidden.
+    /// Refined a vertex at a time: the fewest triangles for a picture as good, and what is hidden stays coarse.
     #[default]
     Vertices,
-    /// Refined a group of clusters at a time: next to nothing to find, and five times as many triangles for a picture as good.
+    /// Refined a group of clusters at a time: next to nothing to find, and three to five times as many triangles for a picture as good.
     Clusters,
 }
 
@@ -71,12 +71,25 @@ pub struct LodTables {
 impl LodTables {
     /// Takes those of a form, in the place of what was there.
     pub fn set(&mut self, form: LodForm, table: HierarchyTable) {
-        self.tables[form as usize] = Some(Arc::new(table));
+        self.tables[form as usize] = (!table.entries().is_empty()).then(|| Arc::new(table));
+    }
+
+    /// Takes those of a form that come from outside.
+    ///
+    /// # Errors
+    /// When one is of another form.
+    pub(super) fn take(&mut self, form: LodForm, table: HierarchyTable) -> Result<(), VertexHierarchyError> {
+        let is_wrong = |at: &usize| is_cluster_base(table.blobs(*at).next().unwrap_or_default()) != (form == LodForm::Clusters);
+        if let Some(at) = (0..table.entries().len()).find(is_wrong) {
+            return Err(VertexHierarchyError::Entry { hierarchy: at as u32, problem: "it is of another form than its section" });
+        }
+        self.set(form, table);
+        Ok(())
     }
 
     /// Those of a form, if there are any.
     pub fn of(&self, form: LodForm) -> Option<&Arc<HierarchyTable>> {
-        self.tables[form as usize].as_ref().filter(|table| !table.entries().is_empty())
+        self.tables[form as usize].as_ref()
     }
 
     /// Those of a form, or where there are none those of another.

@@ -430,7 +430,7 @@ impl Package {
         let mut hierarchies = LodTables::default();
         for form in LodForm::ALL {
             if let Ok(bytes) = get(form.section()) {
-                hierarchies.set(form, HierarchyTable::from_section(bytes, &manifest)?);
+                hierarchies.take(form, HierarchyTable::from_section(bytes, &manifest)?)?;
             }
         }
         let scene = Scene {

@@ -91,7 +91,7 @@ pub struct Detail {
 
 impl Detail {
     /// The form of hierarchies that is best for it, where a scene has both. In a budget of triangles, that of which fewer make as good a
-    /// picture; without one, that which takes next to no time to be found, though a picture as good takes five times as many
+    /// picture; without one, that which takes next to no time to be found, though a picture as good takes three to five times as many
     /// (`mullion bench lod --form`).
     pub fn form(&self) -> LodForm {
         if self.triangles.is_some() { LodForm::Vertices } else { LodForm::Clusters }

@@ -68,6 +68,10 @@ fn check_detail(detail: Detail) -> Result<(), ServiceError> {
         Detail { triangles: None, least_pixels: 0.0, .. } => {
             Err(ServiceError::Detail("0 pixels and any number of triangles; that is all there is".to_owned()))
         }
+        Detail { triangles, hides, weight, .. } if weight != DetailWeight::None && !(hides && triangles.is_some()) => {
+            let problem = format!("weight {weight}; it needs a number of triangles, and what hides others");
+            Err(ServiceError::Detail(problem))
+        }
         _ => Ok(()),
     }
 }

@@ -45,7 +45,7 @@ pub struct Options {
     /// Most triangles of all objects together.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     triangles: u32,
-    /// What hierarchies are made of; more than one: each, one behind the other [default: as the package has them, or of vertices]
+    /// What hierarchies are made of: vertices, clusters; both: one behind the other [default: as the package has them, or of vertices]
     #[arg(long, value_name = "FORM", value_delimiter = ',')]
     form: Vec<LodForm>,
     /// What of a split is held against the occluder.
@@ -128,7 +128,7 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!(options.pixel_error > 0.0 && options.pixel_error.is_finite(), "--pixel-error: not above 0");
     let has_queries = options.answers.contains(&Answers::Queries);
     let weighs = options.lod_weight != DetailWeight::None;
-    ensure!(!(has_queries && weighs), "--lod-weight: queries do not tell how much of an object is seen");
+    ensure!(!(has_queries && weighs), "--lod-weight: objects weigh only where depths answer");
     super::claim_outputs(options.json.as_deref(), options.plots.as_deref())?;
     let is_piped = options.json.as_deref().is_some_and(is_standard_output);
     let machine = Machine::this();
