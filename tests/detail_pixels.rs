@@ -15,7 +15,7 @@ use mullion_client::missing::WhenMissing;
 use mullion_client::node::Painter;
 use mullion_client::occlusion::Occlusion;
 use mullion_client::tile_session::{FrameToDraw, ViewToDraw};
-use mullion_common::scene::{ChunkId, LodForm, ObjectId, Package};
+use mullion_common::scene::{ChunkHash, ChunkId, ChunkKind, ChunkRecord, Filter, LodForm, ObjectId, Package, TextureRef, Wrap};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::{Budget, Detail, DetailWeight, Moved, Primary, ViewSpec};
@@ -38,19 +38,22 @@ fn package(form: LodForm) -> Package {
 }
 
 /// A node: its painter, and what it draws.
-struct Node<'a> {
+struct Node {
     painter: GpuPainter,
-    package: &'a Package,
     views: Vec<ViewSpec>,
+    /// What each view sees.
+    leaves: VisibleSet,
+    dropped: VisibleSet,
+    away: VisibleSet,
 }
 
-impl<'a> Node<'a> {
+impl Node {
     /// With the first blobs of each hierarchy, but no geometry; without blobs, all geometry.
-    fn new(gpu: &Arc<Gpu>, package: &'a Package, views: &[ViewSpec], blobs: usize) -> Self {
+    fn new(gpu: &Arc<Gpu>, package: &Package, views: &[ViewSpec], blobs: usize) -> Self {
         Self::culling(gpu, package, (views, blobs), Occlusion::Hiz)
     }
 
-    fn culling(gpu: &Arc<Gpu>, package: &'a Package, (views, blobs): (&[ViewSpec], usize), occlusion: Occlusion) -> Self {
+    fn culling(gpu: &Arc<Gpu>, package: &Package, (views, blobs): (&[ViewSpec], usize), occlusion: Occlusion) -> Self {
         let mut painter = GpuPainter::new(Arc::clone(gpu), Output::Keep).culling(occlusion);
         painter.open_scene(&Arc::new(package.scene.manifest.clone()), views).expect("opened");
         if let Some(tessellation) = &package.scene.tessellation {
@@ -67,7 +70,9 @@ impl<'a> Node<'a> {
                 painter.upload(chunk, package.chunk(chunk)).expect("taken");
             }
         }
-        Self { painter, package, views: views.to_vec() }
+        let leaves = VisibleSet::all(package.scene.manifest.leaves.len() as u32);
+        let (dropped, away) = (VisibleSet::default(), VisibleSet::default());
+        Self { painter, views: views.to_vec(), leaves, dropped, away }
     }
 
     /// The pictures by tile, and how many triangles that took.
@@ -76,12 +81,11 @@ impl<'a> Node<'a> {
         let eye = whole.default_eyes()[0];
         let frustum = whole.frustum(ViewId(0), eye, &world_from_room);
         let primary = Primary { pixels_per_radian: 120.0, planes: frustum.planes.to_vec() };
-        let leaves = VisibleSet::all(self.package.scene.manifest.leaves.len() as u32);
         let view = |_: &ViewSpec| ViewToDraw {
             view: ViewId(0),
             eye,
             budget: Budget::default(),
-            leaves: leaves.clone(),
+            leaves: self.leaves.clone(),
             missing: VisibleSet::default(),
         };
         let frame = FrameToDraw {
@@ -89,8 +93,10 @@ impl<'a> Node<'a> {
             world_from_room,
             shared_eye: world_from_room.transform_point3(eye),
             views: self.views.iter().map(view).collect(),
+            dropped: self.dropped.clone(),
             primary: detail.map(|_| primary),
             detail,
+            away: self.away.clone(),
             when_missing: WhenMissing::Hold,
             ..FrameToDraw::default()
         };
@@ -131,7 +137,7 @@ fn one_surface(gpu: &Arc<Gpu>, package: &Package, weight: DetailWeight) -> u64 {
     let mut plain_whole = Node::new(gpu, package, &of_whole, 0);
     let mut one = Node::new(gpu, package, &of_whole, usize::MAX);
     let mut together = Node::new(gpu, package, &of_tiled, usize::MAX);
-    let mut apart: Vec<Option<Node<'_>>> =
+    let mut apart: Vec<Option<Node>> =
         of_tiled.iter().map(|view| Some(Node::new(gpu, package, std::slice::from_ref(view), usize::MAX))).collect();
     apart[3] = None;
     let (mut fewer, mut wrong, mut rounded, mut at_seams) = (0, 0, 0, 0);
@@ -171,6 +177,74 @@ fn one_surface(gpu: &Arc<Gpu>, package: &Package, weight: DetailWeight) -> u64 {
     // A crack or a step is as long as a seam: tens of pixels in each frame.
     assert!(at_seams <= 24, "{at_seams} pixels differ next to seams");
     fewer
+}
+
+/// A coarse cut bulges beyond the leaves into tiles of nodes that see none of them: these draw it as one node does that sees all.
+#[test]
+fn who_sees_no_leaf_draws_the_cut_all_the_same() {
+    if !support::has_gpu() {
+        return;
+    }
+    let gpu = Gpu::open(GpuOptions::default()).expect("a GPU");
+    let package = package(LodForm::Vertices);
+    let of_tiled = specs(&wall(2));
+    let detail = Detail { triangles: Some(900), hides: true, ..Detail::default() };
+    let mut together = Node::new(&gpu, &package, &of_tiled, usize::MAX);
+    let mut apart: Vec<Node> =
+        of_tiled.iter().map(|view| Node::new(&gpu, &package, std::slice::from_ref(view), usize::MAX)).collect();
+    apart.iter_mut().skip(1).for_each(|node| node.leaves.clear());
+    for frame in 0..4 {
+        let room = room(&package, frame * 9);
+        let (tiles, _) = together.draw(frame, room, Some(detail));
+        for (node, view) in apart.iter_mut().zip(&of_tiled) {
+            let (own, drawn) = node.draw(frame, room, Some(detail));
+            assert!(drawn > 100, "{drawn} triangles of {}", view.tile_name);
+            assert!(own[&view.tile_name] == tiles[&view.tile_name], "{} in frame {frame}", view.tile_name);
+        }
+    }
+    // What it does not see it lacks no texture of, and waits for none.
+    let mut textured = package.clone();
+    let png = {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        RgbaImage::from_pixel(2, 2, image::Rgba([200, 90, 40, 255]))
+            .write_to(&mut bytes, image::ImageFormat::Png)
+            .expect("a PNG");
+        bytes.into_inner()
+    };
+    let manifest = &mut textured.scene.manifest;
+    let chunk = ChunkId(manifest.chunks.len() as u32);
+    manifest.chunks.push(ChunkRecord::new(ChunkHash::of(&png), 0, png.len() as u32, ChunkKind::Texture));
+    let texture = TextureRef { chunk, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, filter: Filter::Linear };
+    manifest.materials.iter_mut().for_each(|material| material.texture = Some(texture));
+    let mut node = Node::new(&gpu, &textured, &of_tiled, usize::MAX);
+    node.leaves.clear();
+    assert_eq!(node.draw(0, room(&package, 0), Some(detail)).1, 0);
+    node.painter.upload(chunk, &png).expect("taken");
+    assert!(node.draw(1, room(&package, 0), Some(detail)).1 > 100);
+}
+
+/// One that was taken away, and one that hardly contributes. Back again, it is drawn as before.
+#[test]
+fn what_is_away_or_dropped_is_drawn_by_nobody() {
+    if !support::has_gpu() {
+        return;
+    }
+    let gpu = Gpu::open(GpuOptions::default()).expect("a GPU");
+    let package = package(LodForm::Vertices);
+    let detail = Detail { triangles: Some(900), ..Detail::default() };
+    let mut node = Node::new(&gpu, &package, &specs(&wall(2)), usize::MAX);
+    let room = room(&package, 2);
+    let before = node.draw(0, room, Some(detail));
+    let all = node.leaves.clone();
+    let nothing = VisibleSet::default;
+    for (frame, (away, dropped)) in (0..).zip([(all.clone(), nothing()), (nothing(), all.clone()), (all.clone(), all)]) {
+        (node.away, node.dropped) = (away, dropped);
+        let (tiles, drawn) = node.draw(2 * frame + 1, room, Some(detail));
+        assert_eq!(drawn, 0, "in frame {frame}");
+        assert!(tiles.iter().any(|(tile, picture)| differing(picture, &before.0[tile]) > 50));
+        (node.away, node.dropped) = (nothing(), nothing());
+        assert!(node.draw(2 * frame + 2, room, Some(detail)) == before);
+    }
 }
 
 /// As fine as it goes, a hierarchy is its mesh; and an object that moved is drawn where it is.

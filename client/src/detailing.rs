@@ -6,7 +6,7 @@
 
 use glam::{DAffine3, DVec3};
 use mullion_common::geometry::Frustum;
-use mullion_common::scene::{AlphaMode, Hierarchy, Material, ObjectId, SceneManifest, Transform};
+use mullion_common::scene::{AlphaMode, Hierarchy, Material, ObjectId, Presence, SceneManifest, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::Projection;
 use mullion_common::wire::{Detail, Primary, ViewSpec};
@@ -37,12 +37,14 @@ pub(crate) struct Detailing {
     occluder: Option<KeptOccluder>,
     /// Whether the cuts were found with an occluder of their own view, or nothing could hide.
     is_final: bool,
+    /// By place of the view.
+    frusta: Vec<Frustum>,
     /// By place of the view: the objects that are drawn by their cuts.
     cuts: Vec<Vec<ObjectId>>,
     /// All of them, ascending; and those whose cuts are on the GPU.
     named: Vec<ObjectId>,
     staged: Vec<ObjectId>,
-    /// Hierarchies have come or gone, or objects have moved.
+    /// Hierarchies have come or gone, or objects have moved, come or gone.
     has_changed: bool,
     /// For what the cuts were found.
     found: Option<(DVec3, Primary, Detail)>,
@@ -56,6 +58,21 @@ struct Part {
     leaves: VisibleSet,
     is_double_sided: bool,
     is_solid: bool,
+    /// In the frame that was found last.
+    presence: Presence,
+}
+
+impl Part {
+    /// Its first one.
+    fn leaf(&self) -> Option<u32> {
+        self.leaves.ranges().first().map(|range| range.start)
+    }
+
+    /// Whether a frame has it in the scene and draws it: its leaves go together.
+    fn presence_in(&self, frame: &FrameToDraw) -> Presence {
+        let is_away = self.leaf().is_some_and(|leaf| frame.away.contains(leaf) || frame.dropped.contains(leaf));
+        if is_away { Presence::Away } else { Presence::There }
+    }
 }
 
 impl Detailing {
@@ -109,7 +126,8 @@ impl Detailing {
             let own = self.by_object[start..].iter().take_while(|(of, _)| of == object);
             let leaves = VisibleSet::from_ranges(own.map(|(_, leaf)| LeafRange::new(*leaf, leaf + 1)));
             let at = self.parts.partition_point(|part| part.object < *object);
-            self.parts.insert(at, Part { object: *object, hierarchy, leaves, is_double_sided, is_solid });
+            let presence = Presence::There;
+            self.parts.insert(at, Part { object: *object, hierarchy, leaves, is_double_sided, is_solid, presence });
         }
         self.note_parts();
     }
@@ -162,7 +180,8 @@ impl Detailing {
         if self.parts.is_empty() {
             return Ok(());
         }
-        self.choose(renderer.transforms(), specs, frame, drawn);
+        self.note_presence(frame);
+        self.choose(renderer, specs, frame);
         let is_known = self.found.as_ref().is_some_and(|(eye, of, by)| (eye, of, by) == (&frame.shared_eye, primary, detail));
         let has_turn = self.occluder.as_ref().is_none_or(|occluder| occluder.has_turn(frame.number));
         let is_found = is_known && !self.has_changed && (self.is_final || !has_turn);
@@ -173,8 +192,7 @@ impl Detailing {
             let objects = self.parts.iter().zip(self.refinement.cuts()).filter_map(|(part, cut)| {
                 self.named.binary_search(&part.object).ok()?;
                 let hierarchy = self.hierarchies[part.hierarchy].as_ref()?;
-                let leaf = part.leaves.ranges().first()?.start;
-                Some(CutObject { object: part.object, leaf, hierarchy, cut })
+                Some(CutObject { object: part.object, leaf: part.leaf()?, hierarchy, cut })
             });
             renderer.set_cuts(objects)?;
             self.staged.clone_from(&self.named);
@@ -197,6 +215,7 @@ impl Detailing {
                     world_from_local: transforms[part.object.0 as usize].affine(),
                     is_double_sided: part.is_double_sided,
                     is_solid: part.is_solid,
+                    presence: part.presence,
                     weight: 1.0,
                 })
             })
@@ -237,19 +256,29 @@ impl Detailing {
         }
     }
 
-    /// Which objects each view draws by their cuts: those that any view of the node sees, where they are in its frustum and nothing of them is
-    /// missing. A cut may reach into a tile in which no leaf of the whole mesh is, but not out of the mesh's box.
-    fn choose(&mut self, transforms: &[Transform], specs: &[ViewSpec], frame: &FrameToDraw, drawn: &[VisibleSet]) {
-        for part in &self.parts {
+    /// Which objects come into the scene with a frame, or go.
+    fn note_presence(&mut self, frame: &FrameToDraw) {
+        for part in &mut self.parts {
+            let presence = part.presence_in(frame);
+            self.has_changed |= std::mem::replace(&mut part.presence, presence) != presence;
+        }
+    }
+
+    /// Which objects each view draws by their cuts: those that are there, where they are in its frustum and nothing of them is missing. A cut may
+    /// reach into a tile in which no leaf of the whole mesh is, but not out of the mesh's box: so leaves do not tell who sees it.
+    fn choose(&mut self, renderer: &Renderer, specs: &[ViewSpec], frame: &FrameToDraw) {
+        self.frusta.clear();
+        let views = specs.iter().zip(&frame.views);
+        self.frusta.extend(views.map(|(spec, view)| frustum(spec, view.eye, &frame.world_from_room)));
+        for part in self.parts.iter().filter(|part| part.presence == Presence::There) {
             let Some(hierarchy) = self.hierarchies[part.hierarchy].as_ref() else { continue };
-            if !drawn.iter().any(|set| set.meets(&part.leaves)) {
-                continue;
-            }
-            let world_from_local = transforms[part.object.0 as usize].affine();
+            let has_textures = renderer.has_textures(hierarchy.materials());
+            let world_from_local = renderer.transforms()[part.object.0 as usize].affine();
             let corners = hierarchy.local_aabb().corners().map(|corner| world_from_local.transform_point3(corner));
-            for ((spec, view), cuts) in specs.iter().zip(&frame.views).zip(&mut self.cuts) {
-                let is_there = !view.missing.meets(&part.leaves);
-                if is_there && may_see(&frustum(spec, view.eye, &frame.world_from_room), &corners) {
+            for ((frustum, view), cuts) in self.frusta.iter().zip(&frame.views).zip(&mut self.cuts) {
+                // A view that sees no leaf of it lacks none, and may lack a texture.
+                let is_whole = (has_textures || view.leaves.meets(&part.leaves)) && !view.missing.meets(&part.leaves);
+                if is_whole && may_see(frustum, &corners) {
                     cuts.push(part.object);
                     if self.named.last() != Some(&part.object) {
                         self.named.push(part.object);

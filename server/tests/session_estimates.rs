@@ -8,15 +8,18 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
 use mullion_common::geometry::Plane;
-use mullion_common::scene::{BlobRef, ChunkHash, ObjectId, Presence, SectionKind, Transform};
+use mullion_common::scene::{
+    BlobRef, ChunkHash, ChunkId, LeafRecord, MaterialId, Object, ObjectId, Presence, Scene, SceneManifest, SectionKind, Transform,
+};
 use mullion_common::throughput::{FIRST_TRIANGLES, LEAST_TRIANGLES};
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Wall, WallConfig};
 use mullion_common::wire::{
     Detail, DetailWeight, Estimate, Hello, Moved, Opening, Part, Primary, SectionRef, Steering, ToMaster, ToTile,
 };
 use mullion_server::master::{
-    EstimateOptions, FrameInput, LATE_ANSWERS, Master, MasterOptions, Output, Pace, PeerId, REST_FRAMES, Spent, WallBudget,
+    EstimateOptions, FrameInput, Hierarchies, HierarchyLeaves, LATE_ANSWERS, Master, MasterOptions, Output, Pace, PeerId,
+    REST_FRAMES, Spent, WallBudget,
 };
 use mullion_server::swap_barrier::BarrierOptions;
 use outputs::sent;
@@ -45,6 +48,31 @@ fn index() -> BlobRef {
     BlobRef { hash: ChunkHash([6; 32]), length: 44 }
 }
 
+/// Object 0 with object 1 below it, and object 2, all of two leaves.
+fn scene() -> Scene {
+    let leaf = |leaf: u32| LeafRecord {
+        object: ObjectId(leaf / 2),
+        chunk: ChunkId(0),
+        material: MaterialId(0),
+        triangle_count: 1,
+        local_min: [0.0; 3],
+        local_max: [1.0, 2.0, 3.0],
+    };
+    let object = |(start, end)| Object {
+        parent: None,
+        name: String::new(),
+        source_node: 0,
+        instance: None,
+        parent_from_local: DAffine3::IDENTITY,
+        leaves: vec![LeafRange::new(start, end)],
+    };
+    Scene {
+        manifest: SceneManifest { leaves: (0..6).map(leaf).collect(), ..SceneManifest::default() },
+        objects: [(0, 4), (2, 4), (4, 6)].map(object).into(),
+        ..Scene::default()
+    }
+}
+
 /// What each node does in a frame: says that drawing took so long, or nothing.
 type Answers = [Option<u32>; 2];
 
@@ -70,7 +98,8 @@ impl Show {
         Self::ordering(Some(estimates), None, Some(index()))
     }
 
-    fn ordering(estimates: Option<EstimateOptions>, detail: Option<Detail>, hierarchies: Option<BlobRef>) -> Self {
+    fn ordering(estimates: Option<EstimateOptions>, detail: Option<Detail>, index: Option<BlobRef>) -> Self {
+        let leaves = Arc::new(HierarchyLeaves::of(&scene(), [0, 1].map(ObjectId)));
         let options = MasterOptions {
             barrier: BarrierOptions { wait: WAIT, start_wait: Duration::ZERO, start_nodes: vec![] },
             pace: Pace::Every(PERIOD),
@@ -78,7 +107,7 @@ impl Show {
             frames: None,
             sections: vec![],
             tessellation: Some(tessellation()),
-            hierarchies,
+            hierarchies: index.map(|index| Hierarchies { index, leaves }),
             insertions: vec![],
             adaptive: None,
             estimates,
@@ -271,6 +300,53 @@ fn detail_is_ordered_where_it_was_chosen_and_there_are_hierarchies() {
         show.world_from_room = DAffine3::from_translation(DVec3::X * f64::from(frame));
         show.orders();
         assert!(frame < 20 || show.allocations == 0, "frame {frame}: {} allocations", show.allocations);
+    }
+}
+
+/// All of it in every frame, whatever base a node has; and nothing where nothing is drawn in detail.
+#[test]
+fn what_is_away_of_hierarchies_is_said_with_each_detail() {
+    use Presence::{Away, There};
+    let mut show = Show::ordering(None, Some(DETAIL), Some(index()));
+    type Words = &'static [(u32, Presence)];
+    let frames: [(Words, &[u32]); 5] =
+        [(&[], &[]), (&[(1, Away), (2, Away)], &[2, 3]), (&[], &[2, 3]), (&[(0, Away)], &[0, 1, 2, 3]), (&[(1, There)], &[0, 1])];
+    for (presence, away) in frames {
+        show.presence = presence.iter().map(|(object, presence)| (ObjectId(*object), *presence)).collect();
+        let outputs = show.begin();
+        for (node, peer) in PEERS.into_iter().enumerate() {
+            let Some(ToTile::Frame(frame)) = sent(&outputs, peer).pop() else { panic!("no frame") };
+            assert_eq!(frame.away.leaves().collect::<Vec<_>>(), away, "frame {}", show.number);
+            show.ready(node, show.number, 1);
+        }
+        show.number += 1;
+        show.now += PERIOD;
+        show.master.handle_timeout(show.now);
+    }
+    show.master.handle_disconnected(PEERS[1], show.now);
+    show.presence.clear();
+    show.begin();
+    let told = show.join(1);
+    let Some(ToTile::Frame(frame)) = told.last() else { panic!("{told:?}") };
+    assert_eq!(frame.away.leaves().collect::<Vec<_>>(), [0, 1], "who comes late is told, too");
+    // A master that takes its place has heard the last words.
+    let words = show.master.course().expect("it runs").presence;
+    for (detail, away) in [(Some(DETAIL), &[0, 1][..]), (None, &[])] {
+        let mut heir = Show::ordering(None, detail, Some(index()));
+        heir.presence.clone_from(&words);
+        let Some(ToTile::Frame(frame)) = sent(&heir.begin(), PEERS[0]).pop() else { panic!("no frame") };
+        assert_eq!((frame.detail, &frame.away.leaves().collect::<Vec<_>>()[..]), (detail, away));
+    }
+}
+
+#[test]
+fn what_comes_and_goes_takes_no_memory() {
+    let mut show = Show::ordering(None, Some(DETAIL), Some(index()));
+    for frame in 0..40 {
+        let presence = if frame % 2 == 0 { Presence::Away } else { Presence::There };
+        show.presence = if frame < 20 { vec![(ObjectId(1), presence)] } else { vec![] };
+        show.orders();
+        assert!(frame < 30 || show.allocations == 0, "frame {frame}: {} allocations", show.allocations);
     }
 }
 

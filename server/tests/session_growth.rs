@@ -15,7 +15,7 @@ use mullion_common::wire::{
     ByeCode, Frame, Hello, Insertion, Insertions, MAX_PARTS, Manifest, Moved, Opening, Part, SectionRef, StandbyHello, Steering,
     ToMaster, ToStandby, ToTile,
 };
-use mullion_server::master::{EPOCH_WAIT, EpochError, FrameInput, Master, MasterOptions, Output, Pace, PeerId};
+use mullion_server::master::{EPOCH_WAIT, EpochError, FrameInput, Hierarchies, Master, MasterOptions, Output, Pace, PeerId};
 use mullion_server::swap_barrier::{BarrierOptions, NodeIndex, Standing};
 use outputs::{bodies, closed, sent};
 
@@ -66,7 +66,7 @@ impl Show {
             frames: None,
             sections: part(0).into(),
             tessellation: Some(tessellation()),
-            hierarchies: Some(index()),
+            hierarchies: Some(Hierarchies { index: index(), leaves: Arc::default() }),
             insertions: vec![],
             adaptive: None,
             estimates: None,

@@ -7,7 +7,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use mullion_client::gpu::CutObject;
 use mullion_client::lod::{Cut, LodObject, StepId, Tessellated};
 use mullion_common::geometry::Aabb;
-use mullion_common::scene::{AlphaMode, Hierarchy, LodForm, ObjectId, Package, Scene, Transform};
+use mullion_common::scene::{AlphaMode, Hierarchy, LodForm, ObjectId, Package, Presence, Scene, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::Look;
@@ -109,6 +109,7 @@ impl Subject {
             world_from_local: transforms[part.object.0 as usize].affine(),
             is_double_sided: part.is_double_sided,
             is_solid: part.is_solid,
+            presence: Presence::There,
             weight: 1.0,
         };
         self.parts.iter().map(object).collect()

@@ -2,6 +2,7 @@
 //! of several kinds take the path of files into a package; from there thousands of cuts, by random splits and by refinement with random
 //! answers, are each held against a dull test of surfaces.
 
+mod away;
 mod clusters;
 mod late;
 mod meshes;
@@ -15,7 +16,7 @@ use mullion_client::lod::{
     VertexCut,
 };
 use mullion_common::geometry::Plane;
-use mullion_common::scene::{Hierarchy, ObjectId, VertexHierarchy, VertexId};
+use mullion_common::scene::{Hierarchy, ObjectId, Presence, VertexHierarchy, VertexId};
 use mullion_common::wall::Projection;
 use mullion_server::generate::Random;
 
@@ -134,6 +135,7 @@ fn seen_from_all_sides(hierarchy: &Hierarchy) -> LodObject<'_> {
         world_from_local: DAffine3::IDENTITY,
         is_double_sided: true,
         is_solid: true,
+        presence: Presence::There,
         weight: 1.0,
     }
 }
@@ -180,6 +182,7 @@ fn random_answers_give_surfaces_within_the_budget() {
                 world_from_local: DAffine3::IDENTITY,
                 is_double_sided: random.chance(0.3),
                 is_solid: true,
+                presence: Presence::There,
                 weight: 1.0,
             }];
             let budget = mesh.hierarchy.base().triangles.len() as u32 + random.below(hierarchy.triangle_count() as usize) as u32;

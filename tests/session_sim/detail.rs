@@ -1,10 +1,17 @@
 //! Walls that draw in detail, by the seed, and hierarchies that some scenes have. What nodes are given of them is made up, and one block is none.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use mullion_client::tile_session::FrameToDraw;
-use mullion_common::scene::{BlobRef, ChunkHash, ChunkId, HierarchyIndex, IndexedHierarchy, ObjectId, SceneManifest};
+use mullion_common::scene::{
+    BlobRef, ChunkHash, ChunkId, HierarchyIndex, IndexedHierarchy, ObjectId, Presence, Scene, SceneManifest,
+};
 use mullion_common::wire::{Detail, DetailWeight};
+use mullion_server::master::{Hierarchies, HierarchyLeaves};
+
+use super::LEAVES;
+use super::session_support::OBJECTS;
 
 const DETAIL: Detail = Detail { triangles: Some(4000), least_pixels: 1.5, hides: true, weight: DetailWeight::Nohc };
 /// The objects of each hierarchy. The scene's others have none.
@@ -24,8 +31,27 @@ fn blob(hierarchy: usize, number: u8) -> Vec<u8> {
     vec![100 + 16 * hierarchy as u8 + number; 50]
 }
 
-/// The index's name, and all bytes: its own, and those that it names.
-pub fn hierarchies() -> (BlobRef, Vec<Vec<u8>>) {
+/// Who comes or goes with a frame of a master, in every run.
+pub fn presence(number: u64) -> Option<(ObjectId, Presence)> {
+    let turn = number / 7;
+    let presence = if (turn / u64::from(OBJECTS)).is_multiple_of(2) { Presence::Away } else { Presence::There };
+    number.is_multiple_of(7).then_some((ObjectId((turn % u64::from(OBJECTS)) as u32), presence))
+}
+
+/// The leaves that are away of what has hierarchies.
+fn away(number: u64) -> Vec<u32> {
+    let mut objects = BTreeSet::new();
+    for (object, presence) in (0..=number).filter_map(presence).filter(|(object, _)| OBJECTS_OF.concat().contains(&object.0)) {
+        match presence {
+            Presence::Away => objects.insert(object.0),
+            Presence::There => objects.remove(&object.0),
+        };
+    }
+    (0..LEAVES).filter(|leaf| objects.contains(&(leaf % OBJECTS))).collect()
+}
+
+/// The index and what it is of, and all bytes: its own, and those that it names.
+pub fn hierarchies(scene: &Scene) -> (Hierarchies, Vec<Vec<u8>>) {
     let name = |bytes: &[u8]| BlobRef { hash: ChunkHash::of(bytes), length: bytes.len() as u32 };
     let indexed = |hierarchy: usize| IndexedHierarchy {
         objects: OBJECTS_OF[hierarchy].iter().map(|object| ObjectId(*object)).collect(),
@@ -33,7 +59,9 @@ pub fn hierarchies() -> (BlobRef, Vec<Vec<u8>>) {
     };
     let index = HierarchyIndex { hierarchies: (0..3).map(indexed).collect() }.encode();
     let blobs = (0..3).flat_map(|hierarchy| (0..BLOBS[hierarchy]).map(move |number| blob(hierarchy, number)));
-    (name(&index), blobs.chain([index.clone()]).collect())
+    let leaves = HierarchyLeaves::of(scene, OBJECTS_OF.concat().into_iter().map(ObjectId));
+    let hierarchies = Hierarchies { index: name(&index), leaves: Arc::new(leaves) };
+    (hierarchies, blobs.chain([index.clone()]).collect())
 }
 
 /// What a painter was given.
@@ -91,6 +119,8 @@ impl Taken {
 /// Whether a frame is ordered as it is to be.
 pub fn check(asked: Option<Detail>, frame: &FrameToDraw, taken: &Taken) {
     assert_eq!(frame.detail, asked, "frame {}", frame.number);
+    let away = if asked.is_some() { away(frame.number) } else { vec![] };
+    assert_eq!(frame.away.leaves().collect::<Vec<_>>(), away, "frame {}", frame.number);
     assert!(asked.is_none() || frame.primary.is_some());
     assert!(asked.is_some() || taken.is_empty(), "frame {}: nobody asked for hierarchies", frame.number);
 }

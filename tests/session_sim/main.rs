@@ -10,7 +10,7 @@
 //!   over, or when nobody is live; a node that hangs is passed over once;
 //! - what a node draws is what the master saw: sets, places of objects, and every chunk there, or its leaves named as missing;
 //! - to which budget a frame is drawn is the same on all nodes, and no node draws before it has the tessellation;
-//! - so is how finely hierarchies are drawn; bases stand for leaves once they have come, blobs come to painters in their order, and only where
+//! - so is how finely hierarchies are drawn, and which of their objects are away; bases stand for leaves once they have come, blobs come to painters in their order, and only where
 //!   frames are drawn in detail; a hierarchy that is none costs its own object alone;
 //! - what is dropped in a frame is the same on all nodes, and whole objects; nothing is where nobody asked for it;
 //! - when the faults are over, every node is back in the picture, and those with enough memory have all chunks, and all hierarchies where frames are drawn in detail.
@@ -152,7 +152,7 @@ impl Sim {
         }
         let (tessellation, bytes) = budget::tessellation(&package);
         blobs.insert(tessellation.hash.0, bytes);
-        let (hierarchies, of_hierarchies) = detail::hierarchies();
+        let (hierarchies, of_hierarchies) = detail::hierarchies(&package.scene);
         blobs.extend(of_hierarchies.into_iter().map(|bytes| (ChunkHash::of(&bytes).0, bytes)));
         for (i, record) in package.scene.manifest.chunks.iter().enumerate() {
             blobs.insert(record.hash.0, package.chunk(mullion_common::scene::ChunkId(i as u32)).to_vec());
@@ -601,6 +601,7 @@ impl Sim {
         }
         self.live_at_begin =
             (0..self.nodes.len()).filter(|n| self.master.standing(NodeIndex(*n as u16)) == Standing::Live).collect();
+        let presence = detail::presence(number);
         let input = FrameInput {
             number,
             scene_time_s: number as f64 / 60.0,
@@ -611,7 +612,7 @@ impl Sim {
             moved: &moved,
             primary: &budget::PRIMARY,
             budgets: &[],
-            presence: &[],
+            presence: presence.as_slice(),
             steering: Steering::default(),
         };
         self.sets.push(sets.clone());

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DAffine3;
-use mullion_common::scene::{ChunkId, ChunkKind, LeafRecord, ObjectId, SceneManifest, Transform};
+use mullion_common::scene::{ChunkId, ChunkKind, LeafRecord, MaterialId, ObjectId, SceneManifest, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 
@@ -160,6 +160,12 @@ impl Renderer {
     /// Whether leaves can be drawn with this chunk.
     pub fn is_resident(&self, chunk: ChunkId) -> bool {
         self.geometry.get(chunk.0 as usize).is_some_and(Option::is_some) || self.materials.is_resident(chunk)
+    }
+
+    /// Whether all textures of these materials, which must be in the manifest, are there.
+    pub fn has_textures(&self, materials: &[MaterialId]) -> bool {
+        let textures = materials.iter().filter_map(|material| self.manifest.materials[material.0 as usize].texture.as_ref());
+        textures.map(|texture| texture.chunk).all(|chunk| self.materials.is_resident(chunk))
     }
 
     /// Frees what the chunk takes on the GPU.

@@ -1,5 +1,6 @@
 //! An occluder over frames: drawn anew at its turns, kept between them, and what objects weigh by it.
 
+use mullion_common::scene::Presence;
 use mullion_common::wall::Projection;
 use mullion_common::wire::DetailWeight;
 
@@ -18,15 +19,18 @@ pub struct KeptOccluder {
     weigher: Weigher,
     /// By object, as the last turn found them.
     weights: Vec<f32>,
+    /// By object: whether it was drawn at the last turn.
+    is_inside: Vec<bool>,
 }
 
 impl KeptOccluder {
     /// One that nothing was drawn into.
     pub fn new(occluder: DepthOccluder) -> Self {
-        Self { occluder, course: OccluderCourse::default(), weigher: Weigher::default(), weights: Vec::new() }
+        let (course, weigher) = (OccluderCourse::default(), Weigher::default());
+        Self { occluder, course, weigher, weights: Vec::new(), is_inside: Vec::new() }
     }
 
-    /// Whether a frame draws the occluder anew, as long as the view looks about the same way.
+    /// Whether a frame draws the occluder anew, as long as the view looks about the same way and nothing goes away.
     pub fn has_turn(&self, frame: u64) -> bool {
         self.course.at(frame) == Some(OccluderFrom::ThisFrame)
     }
@@ -35,9 +39,12 @@ impl KeptOccluder {
     pub fn forget(&mut self) {
         self.course = OccluderCourse::default();
         self.weights.clear();
+        self.is_inside.clear();
     }
 
     /// Refines a frame that is seen by a projection. Whether it drew the occluder.
+    ///
+    /// An occluder in which something is that has gone away since is drawn anew at once, and so are weights by boxes found.
     ///
     /// By [`DetailWeight::None`] objects keep the weights that they come with. By [`DetailWeight::Nohc`] they get others, which a frame that
     /// draws the occluder finds after having refined as they came; then it refines once more. So what such a frame finds depends on no
@@ -51,11 +58,14 @@ impl KeptOccluder {
         (projection, frame): (&Projection, u64),
         (weight, tessellated): (DetailWeight, Option<Tessellated<'_>>),
     ) -> bool {
-        let Self { occluder, course, weigher, weights } = self;
-        let from = course.at(frame);
-        let from = if occluder.look(projection) { from } else { from.and(Some(OccluderFrom::ThisFrame)) };
-        let is_drawn = from == Some(OccluderFrom::ThisFrame);
+        let Self { occluder, course, weigher, weights, is_inside } = self;
         let by_boxes = weight == DetailWeight::Nohc;
+        let is_gone = |(object, was_inside): (&LodObject<'_>, &bool)| *was_inside && object.presence == Presence::Away;
+        let is_outdated = objects.iter().zip(&*is_inside).any(is_gone);
+        let from = course.at(frame).or((is_outdated && by_boxes).then_some(OccluderFrom::ThisFrame));
+        let holds = occluder.look(projection) && !is_outdated;
+        let from = if holds { from } else { from.and(Some(OccluderFrom::ThisFrame)) };
+        let is_drawn = from == Some(OccluderFrom::ThisFrame);
         let by_estimate = tessellated.filter(|_| weight == DetailWeight::Plp);
         if let Some(tessellated) = by_estimate.filter(|_| is_drawn) {
             weights.clear();
@@ -67,6 +77,8 @@ impl KeptOccluder {
         refinement.refine(objects, sight, options, from.map(|from| (&mut *occluder as &mut dyn Occluder, from)));
         if is_drawn {
             course.note(frame, refinement);
+            is_inside.clear();
+            is_inside.extend(objects.iter().map(|object| object.is_solid && object.presence == Presence::There));
         }
         if by_boxes && is_drawn {
             let share = |object: &LodObject<'_>| occluder.visible_share(&object.world_from_local, &object.hierarchy.local_aabb());

@@ -35,7 +35,7 @@ pub use vertex_cut::VertexCut;
 pub use weigher::{Tessellated, Weigher};
 
 use glam::DAffine3;
-use mullion_common::scene::{Hierarchy, ObjectId};
+use mullion_common::scene::{Hierarchy, ObjectId, Presence};
 
 /// An object that is drawn by its hierarchy.
 #[derive(Clone, Copy, Debug)]
@@ -50,6 +50,8 @@ pub struct LodObject<'a> {
     pub is_double_sided: bool,
     /// Whether what is behind it is hidden: it has no holes that its triangles do not tell of.
     pub is_solid: bool,
+    /// Whether it is in the scene. What is away is not drawn, costs nothing and hides nothing.
+    pub presence: Presence,
     /// How much its pixels count beside those of other objects, above 0 and at most 1: the share of it that is seen, as far as that is known.
     pub weight: f32,
 }

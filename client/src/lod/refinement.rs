@@ -2,7 +2,7 @@
 
 use std::collections::BinaryHeap;
 
-use mullion_common::scene::{Hierarchy, VertexHierarchy};
+use mullion_common::scene::{Hierarchy, Presence, VertexHierarchy};
 
 use super::cut::Cut;
 use super::node::Node;
@@ -130,6 +130,8 @@ enum Standing {
     InSight,
     /// Not at all: there are no triangles left for its base.
     LeftOut,
+    /// Not at all: it is away.
+    Away,
 }
 
 /// The steps of one object that are to be made.
@@ -207,7 +209,7 @@ impl Chosen {
 
     fn follow(&self, hierarchy: &Hierarchy, cut: &mut Cut) {
         match self.standing {
-            Standing::LeftOut => cut.vanish(),
+            Standing::LeftOut | Standing::Away => cut.vanish(),
             Standing::Beyond | Standing::InSight => cut.follow(hierarchy, &self.steps, |step| self.has(step)),
         }
     }
@@ -338,6 +340,10 @@ impl Refinement {
         let base = |object: usize| objects[object].hierarchy.base_triangles();
         self.by_size.clear();
         for (number, (object, chosen)) in objects.iter().zip(&mut self.chosen).enumerate() {
+            if object.presence == Presence::Away {
+                chosen.standing = Standing::Away;
+                continue;
+            }
             let pixels = self.sights[number].of_box(&object.hierarchy.local_aabb());
             chosen.standing = if pixels.is_some() { Standing::InSight } else { Standing::Beyond };
             if let Some(pixels) = pixels {
@@ -497,9 +503,9 @@ impl Refinement {
         self.triangle_count
     }
 
-    /// Whether anything of an object may be in sight.
+    /// Whether anything of an object may be in sight: it is there, and its box is.
     pub fn is_in_sight(&self, object: usize) -> bool {
-        self.chosen.get(object).is_some_and(|chosen| chosen.standing != Standing::Beyond)
+        self.chosen.get(object).is_some_and(|chosen| matches!(chosen.standing, Standing::InSight | Standing::LeftOut))
     }
 
     /// Splits beyond the bases. A group of clusters counts as many as add its triangles.
@@ -517,7 +523,7 @@ impl Refinement {
         self.hidden.len() as f32 / self.question_count.max(1) as f32
     }
 
-    /// The cut of each object. That of one that is out of sight is its base.
+    /// The cut of each object. That of one that is out of sight is its base, that of one that is away has no triangles.
     pub fn cuts(&self) -> &[Cut] {
         &self.cuts
     }

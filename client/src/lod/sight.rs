@@ -121,7 +121,7 @@ impl LocalSight {
 mod tests {
     use super::*;
     use glam::{DAffine3, DQuat};
-    use mullion_common::scene::{Hierarchy, NodeAxis, NodeExtent, ObjectId, VertexHierarchy};
+    use mullion_common::scene::{Hierarchy, NodeAxis, NodeExtent, ObjectId, Presence, VertexHierarchy};
     use proptest::prelude::*;
 
     fn vector(size: f64) -> impl Strategy<Value = DVec3> {
@@ -161,7 +161,7 @@ mod tests {
             let bounds = PackedBounds::new(&extent);
             let plane = Plane { normal: normal.normalize(), offset_m: offset };
             let hierarchy = Hierarchy::Vertices(VertexHierarchy::default());
-            let object = LodObject { id: ObjectId(0), hierarchy: &hierarchy, world_from_local, is_double_sided: false, is_solid: true, weight: 1.0 };
+            let object = LodObject { id: ObjectId(0), hierarchy: &hierarchy, world_from_local, is_double_sided: false, is_solid: true, presence: Presence::There, weight: 1.0 };
             let planes = [plane];
             let sight = LodSight { eye, planes: &planes, pixels_per_radian: 1000.0, near_m: 0.1 };
             let found = LocalSight::new(&sight, &object).of((Vec3::ZERO, &bounds));

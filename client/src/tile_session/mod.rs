@@ -86,6 +86,8 @@ pub struct FrameToDraw {
     pub estimate: Option<Estimate>,
     /// How finely hierarchies are drawn, as far as they have come, in the place of their objects' leaves; `None`: leaves are drawn.
     pub detail: Option<Detail>,
+    /// The leaves of objects with hierarchies that are out of the scene, where a detail is ordered.
+    pub away: VisibleSet,
     /// What to do with leaves that are missing.
     pub when_missing: WhenMissing,
 }
@@ -94,10 +96,11 @@ impl FrameToDraw {
     /// Whether another frame has the same picture, as long as no object moves and no chunk comes that this one lacks.
     pub fn shows_the_same(&self, other: &Self) -> bool {
         let Self { number: _, epoch, scene_time_s: _, world_from_room, shared_eye, views, dropped, .. } = self;
-        let Self { primary, estimate, detail, when_missing, .. } = self;
+        let Self { primary, estimate, detail, away, when_missing, .. } = self;
         (epoch, world_from_room, shared_eye, when_missing)
             == (&other.epoch, &other.world_from_room, &other.shared_eye, &other.when_missing)
-            && (views, dropped, primary, detail) == (&other.views, &other.dropped, &other.primary, &other.detail)
+            && (views, dropped, away) == (&other.views, &other.dropped, &other.away)
+            && (primary, detail) == (&other.primary, &other.detail)
             && match (estimate, &other.estimate) {
                 // Whatever they might spend.
                 (Some(a), Some(b)) if a.is_complete && b.is_complete => true,
@@ -491,7 +494,7 @@ impl TileSession {
         if dropped.digest() != frame.dropped_digest {
             return Err(format!("frame {}: what is dropped is not what the master says", frame.number));
         }
-        let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, primary, estimate, detail, .. } = frame;
+        let Frame { number, epoch, scene_time_s, world_from_room, shared_eye, primary, estimate, detail, away, .. } = frame;
         let when_missing = self.when_missing;
         self.behind = self.behind.saturating_sub(1);
         self.pending = Some(FrameToDraw {
@@ -505,6 +508,7 @@ impl TileSession {
             primary: primary.map(|primary| *primary),
             estimate,
             detail,
+            away,
             when_missing,
         });
         self.moved_early.extend(frame.moved.iter().map(|m| (m.object, m.transform)));

@@ -4,14 +4,14 @@ use glam::{DAffine3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Detail, Estimate, MAX_DROPPED_RANGES, MAX_TO_TILE_BYTES, MAX_VIEWS, Primary, WireError, codec, framed,
+    Detail, Estimate, MAX_AWAY_RANGES, MAX_DROPPED_RANGES, MAX_TO_TILE_BYTES, MAX_VIEWS, Primary, WireError, codec, framed,
     message::tag,
     primary::PrimaryHead,
     ranges::{put_set, take_set},
     within,
 };
 use crate::scene::{ObjectId, Transform};
-use crate::visible_set::VisibleDelta;
+use crate::visible_set::{VisibleDelta, VisibleSet};
 
 /// What a view may spend on a frame. Nothing said, nothing limited.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -52,8 +52,8 @@ pub struct Moved {
 /// pixels f32, hides u8 and weight u8, view count u32, count of moved objects u32; for each of these planes: normal 3 × f64, offset f64; for each view: eye
 /// 3 × f64, budget `Option<u32>` triangles, `Option<u32>` microseconds, digest u64 of the whole set; for each view: the set of leaves removed, the set
 /// of leaves added (a set is a uvarint count, then per range the uvarint distance from one past the end of the range
-/// before, or from 0, and the uvarint length less one); in the same way what is dropped no more, and what is dropped; for each moved
-/// object: id u32, 12 × f64.
+/// before, or from 0, and the uvarint length less one); in the same way what is dropped no more, what is dropped, and what is away; for each
+/// moved object: id u32, 12 × f64.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     /// Its number: one more than that of the frame before.
@@ -81,6 +81,9 @@ pub struct Frame {
     pub estimate: Option<Estimate>,
     /// How finely hierarchies of detail are drawn, the same for all nodes; `None`: they are not, and leaves are.
     pub detail: Option<Detail>,
+    /// The leaves of objects with hierarchies of detail that are out of the scene: all of them, against no base; the same for all nodes. Only a
+    /// detail is for them.
+    pub away: VisibleSet,
     /// Every object that moved since the base, or since the manifest where there is no base.
     pub moved: Vec<Moved>,
 }
@@ -121,6 +124,7 @@ impl Frame {
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         within("views", self.views.len(), MAX_VIEWS)?;
         check_dropped(&self.dropped)?;
+        check_away(&self.away)?;
         check_orders(self.primary.is_some(), self.estimate.as_ref(), self.detail.as_ref())?;
         let primary = self.primary.as_deref().map(Primary::head).transpose()?;
         framed(out, tag::FRAME, MAX_TO_TILE_BYTES, |out| {
@@ -149,6 +153,7 @@ impl Frame {
             }
             put_set(out, &self.dropped.removed);
             put_set(out, &self.dropped.added);
+            put_set(out, &self.away);
             put_moved(out, &self.moved);
             Ok(())
         })
@@ -181,6 +186,9 @@ impl Frame {
         take_set(&mut bytes, &mut dropped.removed)?;
         take_set(&mut bytes, &mut dropped.added)?;
         check_dropped(&dropped)?;
+        let mut away = VisibleSet::default();
+        take_set(&mut bytes, &mut away)?;
+        check_away(&away)?;
         if head.base.is_some_and(|base| base >= head.number) {
             return Err(WireError::Bulk { what: "base" });
         }
@@ -198,6 +206,7 @@ impl Frame {
             primary,
             estimate: head.estimate,
             detail: head.detail,
+            away,
             moved,
         })
     }
@@ -215,6 +224,10 @@ fn check_orders(has_primary: bool, estimate: Option<&Estimate>, detail: Option<&
 fn check_dropped(dropped: &VisibleDelta) -> Result<(), WireError> {
     let most = dropped.removed.ranges().len().max(dropped.added.ranges().len());
     within("ranges of leaves that are dropped", most, MAX_DROPPED_RANGES)
+}
+
+fn check_away(away: &VisibleSet) -> Result<(), WireError> {
+    within("ranges of leaves that are away", away.ranges().len(), MAX_AWAY_RANGES)
 }
 
 /// Appends moved objects: of each its id and its transform.

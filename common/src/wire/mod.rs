@@ -72,7 +72,8 @@
 //!
 //! # In detail
 //! A frame may say how finely objects with hierarchies of detail are drawn ([`Detail`]). The manifest names an index, and that the blobs of each: a base
-//! and blocks, coarse first. A node fetches them only then, and draws what has come of them in the place of these objects' leaves.
+//! and blocks, coarse first. A node fetches them only then, and draws what has come of them in the place of these objects' leaves: wherever they are in
+//! sight, but for what the frame drops or says to be away.
 
 pub mod codec;
 mod counted;
@@ -145,6 +146,8 @@ pub const MAX_WANTED: usize = 256;
 pub const MAX_COUNTED: usize = 256;
 /// Most ranges of leaves that are dropped.
 pub const MAX_DROPPED_RANGES: usize = 1 << 16;
+/// Most ranges of leaves whose objects are drawn by hierarchies and are away.
+pub const MAX_AWAY_RANGES: usize = 1 << 16;
 /// Most planes of the primary frustum that a frame names.
 pub const MAX_PRIMARY_PLANES: usize = 8;
 /// How many frames back a base may lie.

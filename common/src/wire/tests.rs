@@ -108,6 +108,7 @@ fn frame() -> Frame {
         })),
         estimate: Some(Estimate { triangles: 258, is_complete: true }),
         detail: Some(Detail { triangles: Some(5), least_pixels: 1.5, hides: true, weight: DetailWeight::Nohc }),
+        away: set(&[(3, 5), (200, 201)]),
         moved: vec![Moved { object: ObjectId(6), transform: Transform::from(DAffine3::IDENTITY) }],
     }
 }
@@ -205,7 +206,7 @@ fn golden_bytes() {
             format!(
                 "08 0900000000000000 01000000 {} {} {} 010800000000000000 0403000000000000 01 00002040 01000000 01 02010000 01 \
                  01 01 05000000 0000c03f 01 01 01000000 01000000 {} {} 01e8030000 00 \
-                 0201000000000000 01 00 00  02 05 02 a302 c701  01 02 01  01 06 00  06000000 {}",
+                 0201000000000000 01 00 00  02 05 02 a302 c701  01 02 01  01 06 00  02 03 01 c201 00  06000000 {}",
                 f64s(&[0.5]),
                 f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0]),
                 f64s(&[0.0, 1.0, 0.0]),
@@ -352,6 +353,11 @@ fn caps_hold_both_ways() {
     assert!(Frame { dropped: dropped(MAX_DROPPED_RANGES), ..frame() }.encode(&mut out).is_ok());
     let too_many = Frame { dropped: dropped(MAX_DROPPED_RANGES + 1), ..frame() }.encode(&mut out);
     assert!(matches!(too_many, Err(WireError::Limit { .. })));
+    let away = |count| Frame { away: VisibleSet::from_ranges(ranges(count)), ..frame() };
+    let full = ToTile::Frame(away(MAX_AWAY_RANGES));
+    assert_eq!(ToTile::decode(body_of(&bytes(|out| full.encode(out)))), Ok(full));
+    assert!(matches!(away(MAX_AWAY_RANGES + 1).encode(&mut out), Err(WireError::Limit { .. })));
+    assert!(matches!(ToTile::decode(&with_one_more_away()), Err(WireError::Limit { .. })));
 
     let planes = |count| {
         let planes = vec![Plane { normal: DVec3::X, offset_m: 1.0 }; count];
@@ -364,6 +370,20 @@ fn caps_hold_both_ways() {
     let claims = |list: u64| [&[tag(11)][..], &list.to_le_bytes()].concat();
     assert!(Want::decode(&claims(u64::MAX)).is_err());
     assert!(Want::decode(&claims(MAX_WANTED as u64)).is_err());
+}
+
+/// The body of a frame in which one range more is away than may be.
+fn with_one_more_away() -> Vec<u8> {
+    let ranges = |count: u32| VisibleSet::from_ranges((0..count).map(|i| LeafRange::new(2 * i, 2 * i + 1)));
+    let body = |away: VisibleSet| body_of(&bytes(|out| Frame { away, moved: vec![], ..frame() }.encode(out))).to_vec();
+    let most = MAX_AWAY_RANGES as u32;
+    // A count of three bytes, and two for each range: the last bytes of a frame in which nothing moved.
+    let mut more = body(ranges(most));
+    let count = more.len() - 2 * MAX_AWAY_RANGES - 3;
+    assert_eq!(more[count..count + 3], [0x80, 0x80, 0x04]);
+    more[count] |= 1;
+    more.extend([0, 0]);
+    more
 }
 
 fn tag(tag: u8) -> u8 {
@@ -441,8 +461,8 @@ fn decode_all(body: &[u8]) {
     let _ = ChunkReply::decode(body);
     let _ = ToStandby::decode(body);
     if let Ok(ToTile::Frame(frame)) = ToTile::decode(body) {
-        let dropped = [&frame.dropped.removed, &frame.dropped.added];
-        for set in frame.views.iter().flat_map(|v| [&v.leaves.removed, &v.leaves.added]).chain(dropped) {
+        let beside = [&frame.dropped.removed, &frame.dropped.added, &frame.away];
+        for set in frame.views.iter().flat_map(|v| [&v.leaves.removed, &v.leaves.added]).chain(beside) {
             assert!(set.ranges().iter().all(|r| r.start < r.end) && set.ranges().windows(2).all(|w| w[0].end < w[1].start));
         }
     }
@@ -480,10 +500,10 @@ proptest! {
     }
 
     #[test]
-    fn sets_go_round(removed in any_set(), added in any_set(), dropped in any_set()) {
+    fn sets_go_round(removed in any_set(), added in any_set(), dropped in any_set(), away in any_set()) {
         let mut frame = frame();
         frame.views[0].leaves = VisibleDelta { removed, added };
-        frame.dropped.added = dropped;
+        (frame.dropped.added, frame.away) = (dropped, away);
         let decoded = ToTile::decode(body_of(&bytes(|out| frame.encode(out))));
         prop_assert_eq!(decoded, Ok(ToTile::Frame(frame)));
     }

@@ -12,7 +12,7 @@ use mullion_common::scene::SectionKind;
 use mullion_common::wire::{Bye, ByeCode, Insertion, MAX_SECTIONS, Manifest, SectionRef, ToTile};
 use thiserror::Error;
 
-use super::{Kind, Master, MasterOptions, ObjectLeaves, PeerId, Phase, WallBudget};
+use super::{Kind, Master, ObjectLeaves, PeerId, Phase, WallBudget};
 use crate::swap_barrier::{NodeIndex, Standing};
 
 /// How long a standby may take to prepare for an epoch before nodes are told of it nevertheless, and how long live nodes may take then
@@ -150,7 +150,8 @@ impl Master {
     }
 
     fn manifest(&self, epoch: u32, sections: &[SectionRef]) -> Manifest {
-        let MasterOptions { tessellation, hierarchies, .. } = self.options;
+        let tessellation = self.options.tessellation;
+        let hierarchies = self.options.hierarchies.as_ref().map(|hierarchies| hierarchies.index);
         Manifest { epoch, sections: sections.to_vec(), tessellation, hierarchies }
     }
 

@@ -1,5 +1,6 @@
 //! What a shell gives a master, and what the master has it do.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{DAffine3, DVec3};
@@ -8,7 +9,7 @@ use mullion_common::scene::{BlobRef, ObjectId, Presence};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wire::{Budget, Bye, Detail, Insertion, Moved, SectionRef, Shown, Steering};
 
-use super::{Adaptive, EstimateOptions, Message, PeerId, Spent};
+use super::{Adaptive, EstimateOptions, HierarchyLeaves, Message, PeerId, Spent};
 use crate::swap_barrier::{BarrierOptions, NodeIndex};
 
 /// When frames are wanted.
@@ -19,6 +20,15 @@ pub enum Pace {
     /// One so long after the other. A frame that is released later than that begins the next at once, and the beat goes on
     /// from there: nothing is made up for.
     Every(Duration),
+}
+
+/// Vertex hierarchies, as a master knows them.
+#[derive(Clone, Debug)]
+pub struct Hierarchies {
+    /// Their index.
+    pub index: BlobRef,
+    /// What they stand for.
+    pub leaves: Arc<HierarchyLeaves>,
 }
 
 /// What a master needs to know beside the wall.
@@ -36,8 +46,8 @@ pub struct MasterOptions {
     pub sections: Vec<SectionRef>,
     /// The tessellation of what the show began with, where that has one.
     pub tessellation: Option<SectionRef>,
-    /// The index of the hierarchies of detail of what the show began with, where that has some.
-    pub hierarchies: Option<BlobRef>,
+    /// The hierarchies of detail of what the show began with, where that has some.
+    pub hierarchies: Option<Hierarchies>,
     /// What the scene has grown by under masters before.
     pub insertions: Vec<Insertion>,
     /// What hardly contributes is drawn on no tile; `None`: all that is seen is drawn.
@@ -72,7 +82,8 @@ pub struct FrameInput<'a> {
     pub primary: &'a [Plane],
     /// What each view may spend; empty: nothing is limited.
     pub budgets: &'a [Budget],
-    /// Objects that come or go with all below them, in this order: for standbys. Nodes are told by what views see.
+    /// Objects that come or go with all below them, in this order: for standbys. Nodes are told by what views see, and of objects with vertex
+    /// hierarchies where they are drawn in detail.
     pub presence: &'a [(ObjectId, Presence)],
     /// How the show is steered: for standbys.
     pub steering: Steering,

@@ -10,6 +10,7 @@
 
 mod adaptive;
 mod admission;
+mod away;
 mod epochs;
 mod estimates;
 mod history;
@@ -41,12 +42,14 @@ use adaptive::Contributions;
 pub use adaptive::{Adaptive, COUNT_EVERY, COUNT_HOLDS_FRAMES, DROPS_BELOW, ENTERING_FRAMES, MAX_DROPPED_OBJECTS};
 pub use admission::Admission;
 use admission::Claim;
+use away::Away;
+pub use away::HierarchyLeaves;
 use epochs::NextEpoch;
 pub use epochs::{EPOCH_WAIT, EpochError};
 use estimates::Estimates;
 pub use estimates::{COMPLETE_WAIT, EstimateOptions, LATE_ANSWERS, REST_FRAMES, Spent, WallBudget};
 use history::History;
-pub use interface::{FrameInput, FrameReleased, MasterOptions, Output, Pace, Stage};
+pub use interface::{FrameInput, FrameReleased, Hierarchies, MasterOptions, Output, Pace, Stage};
 pub(crate) use last_words::LastWords;
 pub use object_leaves::ObjectLeaves;
 pub use outbox::{Full, Kind, MAX_QUEUED, MAX_WAITING, Message, Outbox};
@@ -140,6 +143,8 @@ pub struct Master {
     history: History,
     contributions: Option<Contributions>,
     estimates: Option<Estimates>,
+    /// Where there are hierarchies, and something is drawn by them.
+    away: Option<Away>,
     /// Of the newest frame, where anything is ordered by it.
     primary: Primary,
     phase: Phase,
@@ -171,6 +176,7 @@ impl Master {
             barrier: SwapBarrier::new(nodes.len(), options.barrier.clone()),
             estimates: options.estimates.clone().map(|estimates| Estimates::new(estimates, nodes.len())),
             contributions: options.adaptive.clone().map(|adaptive| Contributions::new(&wall, adaptive)),
+            away: options.detail.and(options.hierarchies.as_ref()).map(|hierarchies| Away::new(Arc::clone(&hierarchies.leaves))),
             primary: Primary::default(),
             wall,
             admission: Admission::default(),
@@ -355,7 +361,10 @@ impl Master {
         if let Some(estimates) = &mut self.estimates {
             estimates.begin(input.number, self.history.is_as_before(input), now);
         }
-        if self.estimates.is_some() || self.detail().is_some() {
+        if let Some(away) = &mut self.away {
+            away.note(input.presence);
+        }
+        if self.estimates.is_some() || self.away.is_some() {
             self.look(input);
         }
         let nothing = VisibleSet::default();
@@ -381,9 +390,10 @@ impl Master {
         self.primary.planes.extend(input.primary.iter().take(MAX_PRIMARY_PLANES)); // fewer hold more
     }
 
-    /// How finely hierarchies of detail are drawn, if there are any.
-    fn detail(&self) -> Option<Detail> {
-        self.options.detail.filter(|_| self.options.hierarchies.is_some())
+    /// How finely hierarchies of detail are drawn, and which of their leaves are away. Nothing where there are none, and where too much is away to be
+    /// named: then leaves are drawn.
+    fn detail(&self) -> Option<(Detail, &VisibleSet)> {
+        self.options.detail.zip(self.away.as_ref().and_then(Away::set))
     }
 
     /// Ends the show early. [`Output::Finished`] follows.
@@ -520,9 +530,17 @@ impl Master {
         let Some(connection) = &state.connection else { return };
         let mut frame = std::mem::take(&mut self.scratch);
         self.history.write(&state.views, connection.acked, self.epoch, &mut frame);
-        (frame.estimate, frame.detail) = (self.estimates.as_ref().map(Estimates::order), self.detail());
+        frame.estimate = self.estimates.as_ref().map(Estimates::order);
+        frame.away.clear();
+        frame.detail = None;
+        if let Some((detail, away)) = self.detail() {
+            frame.away.clone_from(away);
+            frame.detail = Some(detail);
+        }
         if frame.estimate.is_some() || frame.detail.is_some() {
             frame.primary.get_or_insert_default().as_mut().clone_from(&self.primary);
+        } else {
+            frame.primary = None;
         }
         is_done(Stage::Diff);
         let mut bytes = self.pool.pop().unwrap_or_default();

@@ -67,6 +67,11 @@ impl Part {
         Ok(Some(BlobRef { hash, length: length as u32 })) // sendable, and so below 2³²
     }
 
+    /// Those that were added.
+    pub fn hierarchies(&self) -> Option<&HierarchyTable> {
+        self.hierarchies.as_deref()
+    }
+
     fn add(&mut self, kind: SectionKind, bytes: Vec<u8>) -> Result<SectionRef, ServiceError> {
         let length = sendable(kind, bytes.len() as u64)?;
         let hash = ChunkHash::of(&bytes);

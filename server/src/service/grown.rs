@@ -11,7 +11,7 @@ use thiserror::Error;
 use super::blobs::{Blobs, Part};
 use super::{OfferError, ServiceError};
 use crate::library::{Library, LibraryError};
-use crate::master::ObjectLeaves;
+use crate::master::{Hierarchies, HierarchyLeaves, ObjectLeaves};
 use crate::prepare::{Placement, graft};
 use crate::tree::{Bounds, DynamicScene};
 
@@ -131,8 +131,11 @@ impl Grown {
         self.tessellation
     }
 
-    pub fn hierarchies(&self) -> Option<BlobRef> {
-        self.hierarchies
+    /// Takes as long as there are leaves, and objects above each.
+    pub fn hierarchies(&self) -> Option<Hierarchies> {
+        let (index, table) = self.hierarchies.zip(self.parts.first().and_then(|first| first.hierarchies()))?;
+        let objects = table.entries().iter().flat_map(|entry| entry.objects.iter().copied());
+        Some(Hierarchies { index, leaves: Arc::new(HierarchyLeaves::of(&self.package.scene, objects)) })
     }
 
     pub fn insertions(&self) -> &[Insertion] {
