@@ -167,6 +167,41 @@ fn an_estimate_sees_what_stands_in_front() {
     assert_eq!(scene.shares(&mut weigher, DVec3::ZERO, &objects), [shares[0], None, None, None]);
 }
 
+/// What hides nothing is drawn as an occluder once in a long time. Weights do not wait for that: another view has its own at once, and so does
+/// another way to weigh.
+#[test]
+fn weights_are_those_of_the_view() {
+    let places = [(24, DVec3::new(1.0, 0.2, -14.0)), (24, DVec3::new(-1.0, 0.1, -7.0)), (24, DVec3::new(0.0, 0.1, -20.0))];
+    let scene = Scene::new(&places);
+    let ahead = (DVec3::ZERO, DAffine3::IDENTITY);
+    let back = (DVec3::new(0.0, 0.0, -27.0), DAffine3::from_rotation_y(std::f64::consts::PI));
+    let options = LodOptions { budget: BUDGET, occluders: SOON, ..LodOptions::default() };
+    let show = |frames: &[((DVec3, DAffine3), DetailWeight)]| {
+        let mut occluder = KeptOccluder::new(DepthOccluder::new([256; 2], BoundsKind::Link));
+        let mut refinement = Refinement::new();
+        for (frame, ((eye, turned), weight)) in (3..).zip(frames) {
+            let mut objects = scene.objects();
+            objects.iter_mut().for_each(|object| object.is_solid = false);
+            let room = DAffine3::from_translation(*eye) * *turned;
+            let projection = Projection::through_rectangle(DVec3::ZERO, CORNERS, NEAR_M, &room);
+            let tessellated = Some(scene.tessellated());
+            occluder.refine(
+                &mut refinement,
+                &mut objects,
+                (&looking(*eye), &options),
+                (&projection, frame),
+                (*weight, tessellated),
+            );
+        }
+        [0, 1, 2].map(|at: usize| refinement.cuts()[at].triangle_count())
+    };
+    let (plp, none) = (DetailWeight::Plp, DetailWeight::None);
+    let [from_ahead, from_back] = [show(&[(ahead, plp)]), show(&[(back, plp)])];
+    assert!(from_ahead[1] > from_ahead[2] && from_back[1] < from_back[2], "{from_ahead:?}, {from_back:?}");
+    assert_eq!(show(&[(ahead, plp), (ahead, plp), (back, plp)]), from_back);
+    assert_eq!(show(&[(back, none), (back, none), (back, plp)]), from_back);
+}
+
 /// Turns take no memory once buffers have grown.
 #[test]
 fn weighing_takes_no_memory() {

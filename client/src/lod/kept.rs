@@ -17,8 +17,9 @@ pub struct KeptOccluder {
     occluder: DepthOccluder,
     course: OccluderCourse,
     weigher: Weigher,
-    /// By object, as the last turn found them.
+    /// By object, as the last turn found them, and by what.
     weights: Vec<f32>,
+    weighed_by: DetailWeight,
     /// By object: whether it was drawn at the last turn.
     is_inside: Vec<bool>,
 }
@@ -27,7 +28,7 @@ impl KeptOccluder {
     /// One that nothing was drawn into.
     pub fn new(occluder: DepthOccluder) -> Self {
         let (course, weigher) = (OccluderCourse::default(), Weigher::default());
-        Self { occluder, course, weigher, weights: Vec::new(), is_inside: Vec::new() }
+        Self { occluder, course, weigher, weights: Vec::new(), weighed_by: DetailWeight::None, is_inside: Vec::new() }
     }
 
     /// Whether a frame draws the occluder anew, as long as the view looks about the same way and nothing goes away.
@@ -44,7 +45,8 @@ impl KeptOccluder {
 
     /// Refines a frame that is seen by a projection. Whether it drew the occluder.
     ///
-    /// An occluder in which something is that has gone away since is drawn anew at once, and so are weights by boxes found.
+    /// An occluder in which something is that has gone away since is drawn anew at once. Weights are found anew at once, too, and where the view
+    /// looks another way, whether the occluder hides enough to be drawn or not.
     ///
     /// By [`DetailWeight::None`] objects keep the weights that they come with. By [`DetailWeight::Nohc`] they get others, which a frame that
     /// draws the occluder finds after having refined as they came; then it refines once more. So what such a frame finds depends on no
@@ -58,15 +60,19 @@ impl KeptOccluder {
         (projection, frame): (&Projection, u64),
         (weight, tessellated): (DetailWeight, Option<Tessellated<'_>>),
     ) -> bool {
-        let Self { occluder, course, weigher, weights, is_inside } = self;
+        let Self { occluder, course, weigher, weights, weighed_by, is_inside } = self;
         let by_boxes = weight == DetailWeight::Nohc;
+        let by_estimate = tessellated.filter(|_| weight == DetailWeight::Plp);
         let is_gone = |(object, was_inside): (&LodObject<'_>, &bool)| *was_inside && object.presence == Presence::Away;
         let is_outdated = objects.iter().zip(&*is_inside).any(is_gone);
-        let from = course.at(frame).or((is_outdated && by_boxes).then_some(OccluderFrom::ThisFrame));
-        let holds = occluder.look(projection) && !is_outdated;
-        let from = if holds { from } else { from.and(Some(OccluderFrom::ThisFrame)) };
+        let weighs = by_boxes || by_estimate.is_some();
+        let holds = occluder.look(projection) && !is_outdated && (!weighs || *weighed_by == weight);
+        let from = match course.at(frame) {
+            from if holds => from,
+            None if !weighs => None,
+            _ => Some(OccluderFrom::ThisFrame),
+        };
         let is_drawn = from == Some(OccluderFrom::ThisFrame);
-        let by_estimate = tessellated.filter(|_| weight == DetailWeight::Plp);
         if let Some(tessellated) = by_estimate.filter(|_| is_drawn) {
             weights.clear();
             weights.extend(weigher.weigh(tessellated, sight, objects).map(weight_of));
@@ -76,6 +82,7 @@ impl KeptOccluder {
         }
         refinement.refine(objects, sight, options, from.map(|from| (&mut *occluder as &mut dyn Occluder, from)));
         if is_drawn {
+            *weighed_by = weight;
             course.note(frame, refinement);
             is_inside.clear();
             is_inside.extend(objects.iter().map(|object| object.is_solid && object.presence == Presence::There));
