@@ -89,7 +89,7 @@ fn what_goes_away_hides_nothing_from_that_frame_on() {
     }
 }
 
-/// One that goes while nothing is taken to be hidden, and one that hides nothing that is behind it, need no new picture.
+/// One with holes was never in the picture: that stays when it goes.
 #[test]
 fn what_hid_nothing_goes_without_a_turn() {
     let sphere = vertices(&meshes::sphere(16));
