@@ -181,9 +181,12 @@ impl<'a> Contest<'a> {
                     way.figures.error = ImageError::between(&first, &seen, &whole);
                     if let Some(drawing) = self.drawing.as_mut().filter(|_| self.options.plots.is_some()) {
                         pictures.push((way.figures.name.clone(), drawing.picture()?));
-                        let above = self.view.above(self.subject, self.options.size);
-                        drawing.draw(&above, way, &self.ids)?;
-                        pictures.push((format!("{}-above", way.figures.name), drawing.picture()?));
+                        let above = ("above", self.view.above(self.subject, self.options.size));
+                        let aside = ("aside", self.view.aside(self.subject, self.options.size));
+                        for (from, look) in [above, aside] {
+                            drawing.draw(&look, way, &self.ids)?;
+                            pictures.push((format!("{}-{from}", way.figures.name), drawing.picture()?));
+                        }
                     }
                 }
                 way.figures.visible.push(seen.triangles());

@@ -1,4 +1,4 @@
-//! Figures 2 to 7 (Birkholz, Rahn): the first frame without occlusion and with, from the eye and from above.
+//! Figures 2 to 7 (Birkholz, Rahn): the first frame without occlusion and with, from the eye, from above and from the side.
 
 use std::path::{Path, PathBuf};
 

@@ -83,7 +83,7 @@ pub struct Options {
     /// Write every figure and what machine this is (JSON; `-` for standard output).
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Draw the views, without occlusion and with, from the eye and from above, into this folder.
+    /// Draw the views, without occlusion and with, from the eye, from above and from the side, into this folder.
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
     #[command(flatten)]

@@ -19,7 +19,7 @@ pub struct Table {
     /// Without occlusion first.
     pub ways: Vec<WayFigures>,
     pub fine: FineFigures,
-    /// Of the first frame, from the eye and from above.
+    /// Of the first frame, from the eye, from above and from the side.
     #[serde(skip)]
     pub pictures: Vec<(String, image::RgbaImage)>,
 }

@@ -127,18 +127,29 @@ impl View {
     /// From one copy to the next: away from the eye.
     fn step(&self) -> DVec3 {
         const RADII: f64 = 1.2;
-        let away = DVec3::from(self.at) - DVec3::from(self.eye);
-        DVec3::new(away.x, 0.0, away.z).normalize_or(DVec3::NEG_Z) * RADII
+        -self.way_to_eye() * RADII
     }
 
     /// All of it from above, as a bird sees it from behind the eye.
     pub fn above(&self, subject: &Subject, height_px: u32) -> Look {
+        self.whole(subject, self.way_to_eye() * 1.6 + DVec3::Y * 2.0, height_px)
+    }
+
+    /// All of it from the side: what the eye sees, and what is hidden from it.
+    pub fn aside(&self, subject: &Subject, height_px: u32) -> Look {
+        self.whole(subject, DVec3::Y.cross(self.way_to_eye()) * 2.4 + DVec3::Y * 0.3, height_px)
+    }
+
+    fn way_to_eye(&self) -> DVec3 {
+        (DVec3::from(self.eye) - DVec3::from(self.at)).with_y(0.0).normalize_or(DVec3::Z)
+    }
+
+    /// All copies, from so many of their radii away.
+    fn whole(&self, subject: &Subject, from: DVec3, height_px: u32) -> Look {
         let radius_m = subject.bounds.size().length() / 2.0;
-        let middle = subject.bounds.center();
-        let behind = DVec3::from(self.eye).with_y(0.0).normalize_or(DVec3::Z) * 1.6 + DVec3::Y * 2.0;
         let last = self.step() * radius_m * f64::from(self.copies - 1) / 2.0;
-        let reach = radius_m + last.length();
-        Look::new(middle + last + behind * reach, middle + last, radius_m * 1e-3, height_px)
+        let (middle, reach) = (subject.bounds.center() + last, radius_m + last.length());
+        Look::new(middle + from * reach, middle, radius_m * 1e-3, height_px)
     }
 
     /// A frame of its way.
