@@ -12,11 +12,11 @@ use mullion_common::wall::Projection;
 use mullion_common::wire::{Detail, Primary, ViewSpec};
 
 use crate::gpu::{CutObject, GpuError, Renderer};
-use crate::lod::{BoundsKind, DepthOccluder, KeptOccluder, LodObject, LodOptions, LodSight, Refinement, Tessellated};
+use crate::lod::{
+    BoundsKind, DepthOccluder, KeptOccluder, LodObject, LodOptions, LodSight, OCCLUDER_PX, Refinement, Tessellated,
+};
 use crate::tile_session::FrameToDraw;
 
-/// Width and height of the occluder's picture: of the whole wall, whatever its shape.
-const OCCLUDER_PX: [u32; 2] = [288, 288];
 /// After so many splits the occluder is drawn: the paper's two (section 4), and on for cuts that are larger than the paper's.
 const OCCLUDERS: [u32; 4] = [300, 2500, 20_000, 160_000];
 /// No node counts as nearer than this, metres.
@@ -34,6 +34,8 @@ pub(crate) struct Detailing {
     /// Leaves of all parts, if they are the same as when that was found.
     covered: Option<VisibleSet>,
     refinement: Refinement,
+    /// Empty between refinements: their memory.
+    objects: Vec<LodObject<'static>>,
     occluder: Option<KeptOccluder>,
     /// Whether the cuts were found with an occluder of their own view, or nothing could hide.
     is_final: bool,
@@ -207,19 +209,18 @@ impl Detailing {
         frame: &FrameToDraw,
         (primary, detail): (&Primary, &Detail),
     ) {
-        let mut objects: Vec<LodObject<'_>> = (self.parts.iter())
-            .filter_map(|part| {
-                Some(LodObject {
-                    id: part.object,
-                    hierarchy: self.hierarchies[part.hierarchy].as_ref()?,
-                    world_from_local: transforms[part.object.0 as usize].affine(),
-                    is_double_sided: part.is_double_sided,
-                    is_solid: part.is_solid,
-                    presence: part.presence,
-                    weight: 1.0,
-                })
+        let mut objects = emptied(std::mem::take(&mut self.objects));
+        objects.extend(self.parts.iter().filter_map(|part| {
+            Some(LodObject {
+                id: part.object,
+                hierarchy: self.hierarchies[part.hierarchy].as_ref()?,
+                world_from_local: transforms[part.object.0 as usize].affine(),
+                is_double_sided: part.is_double_sided,
+                is_solid: part.is_solid,
+                presence: part.presence,
+                weight: 1.0,
             })
-            .collect();
+        }));
         let sight = LodSight {
             eye: frame.shared_eye,
             planes: &primary.planes,
@@ -236,7 +237,7 @@ impl Detailing {
         let projection = if detail.hides { Projection::within(frame.shared_eye, &primary.planes, NEAR_M) } else { None };
         self.is_final = match &projection {
             Some(projection) => {
-                let depths = || KeptOccluder::new(DepthOccluder::new(OCCLUDER_PX, BoundsKind::default()));
+                let depths = || KeptOccluder::new(DepthOccluder::new([OCCLUDER_PX; 2], BoundsKind::default()));
                 let view = (projection, frame.number);
                 let occluder = self.occluder.get_or_insert_with(depths);
                 occluder.refine(&mut self.refinement, &mut objects, (&sight, &options), view, (detail.weight, tessellated))
@@ -246,6 +247,7 @@ impl Detailing {
                 true
             }
         };
+        self.objects = emptied(objects);
         self.has_changed = false;
         match &mut self.found {
             Some((eye, of, by)) => {
@@ -313,10 +315,28 @@ impl Detailing {
     }
 }
 
+/// The memory of objects, for others: collecting in place keeps it.
+fn emptied<'a>(objects: Vec<LodObject<'_>>) -> Vec<LodObject<'a>> {
+    objects.into_iter().map_while(|_| None).collect()
+}
+
 fn frustum(spec: &ViewSpec, eye: DVec3, world_from_room: &DAffine3) -> Frustum {
     Frustum::through_rectangle(eye, spec.corners.map(DVec3::from), spec.near_m).transformed(world_from_room)
 }
 
 fn may_see(frustum: &Frustum, corners: &[DVec3; 8]) -> bool {
     frustum.planes.iter().all(|plane| corners.iter().any(|corner| plane.distance_m(*corner) >= 0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_of_objects_is_kept() {
+        let objects: Vec<LodObject<'_>> = Vec::with_capacity(9);
+        let memory = objects.as_ptr().addr();
+        let others = emptied(objects);
+        assert_eq!((others.as_ptr().addr(), others.capacity()), (memory, 9));
+    }
 }

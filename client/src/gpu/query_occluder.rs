@@ -21,7 +21,7 @@ use super::device::{Gpu, GpuError};
 use super::queries::Queries;
 use super::query_passes::{Asking, Drawing, Placed};
 use super::targets::{DEPTH_FORMAT, texture, view_of};
-use super::test_box::{Grower, LocalScale};
+use super::test_box::{Grower, LocalScale, is_clear};
 use crate::lod::{BoundsKind, Cut, Hidden, LodObject, Occluder, Solid, StepId, Wait};
 
 /// So many nodes are asked about at once.
@@ -148,9 +148,8 @@ impl QueryOccluder {
             Mat4::from_cols(column(first, half.x), column(axes[1], half.y), column(axes[2], half.z), middle.extend(1.0));
         let clip = placed.clip_from_local * local_from_solid;
         let of_axes = |row: usize| clip.row(row).truncate().abs().element_sum() * self.asking.reach;
-        // Behind the near plane z > w; a little earlier, lest rounding takes a corner there.
-        let is_clear = (clip.w_axis.w - of_axes(3)) * 0.999 > clip.w_axis.z + of_axes(2);
-        (is_clear && clip.is_finite()).then_some(clip)
+        let (least_w, most_z) = (clip.w_axis.w - of_axes(3), clip.w_axis.z + of_axes(2));
+        (is_clear(least_w.into(), most_z.into()) && clip.is_finite()).then_some(clip)
     }
 
     /// Hands the open batch to the GPU, once that has room for it.

@@ -63,7 +63,11 @@ impl Grower {
     /// By how much a box must grow on each side, in its object's space.
     pub fn growth(&self, bounds: &Aabb, clip_from_local: &Mat4, scale: &LocalScale) -> DVec3 {
         let w = clip_from_local.row(3).as_dvec4();
-        let furthest = w.truncate().dot(bounds.center()) + w.w + w.truncate().abs().dot(bounds.size() / 2.0);
+        self.growth_at(w.truncate().dot(bounds.center()) + w.w + w.truncate().abs().dot(bounds.size() / 2.0), bounds, scale)
+    }
+
+    /// The same for a box that is so far away at most.
+    fn growth_at(&self, furthest: f64, bounds: &Aabb, scale: &LocalScale) -> DVec3 {
         scale.local_from_world * (self.grown_m * furthest + bounds.rounding_m(scale.world_from_local))
     }
 
@@ -73,14 +77,18 @@ impl Grower {
         let (center, half) = (bounds.center(), bounds.size() / 2.0);
         let reach = |row: glam::DVec4| row.truncate().abs().dot(half);
         let w_center = w.truncate().dot(center) + w.w;
-        let grown = self.growth(bounds, clip_from_local, scale);
+        let grown = self.growth_at(w_center + reach(w), bounds, scale);
         let (min, max) = ((bounds.min - grown).as_vec3(), (bounds.max + grown).as_vec3());
         let reach_grown = reach(w) + w.truncate().abs().dot(grown);
         let z_max = z.truncate().dot(center) + z.w + reach(z) + z.truncate().abs().dot(grown);
-        // Behind the near plane z > w; a little earlier, lest rounding takes a corner there.
-        let is_clear = (w_center - reach_grown) * 0.999 > z_max;
-        (is_clear && min.is_finite() && max.is_finite()).then_some((min, max))
+        (is_clear(w_center - reach_grown, z_max) && min.is_finite() && max.is_finite()).then_some((min, max))
     }
+}
+
+/// Whether what has such w at least and such z at most stays clear of the near plane. Behind that z > w; a little earlier, lest rounding takes a
+/// corner there.
+pub(super) fn is_clear(least_w: f64, most_z: f64) -> bool {
+    least_w * 0.999 > most_z
 }
 
 impl TestBox {

@@ -26,7 +26,7 @@ mod weigher;
 pub use cluster_cut::ClusterCut;
 pub use cut::Cut;
 pub use kept::KeptOccluder;
-pub use occluder::{BoundsKind, DepthOccluder};
+pub use occluder::{BoundsKind, DepthOccluder, OCCLUDER_PX};
 pub use refinement::{Hidden, LodOptions, Occluder, OccluderFrom, Refinement, Wait};
 pub use sight::{LodSight, NodeSight};
 pub use solid::{Solid, SolidMesh};

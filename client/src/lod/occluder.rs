@@ -11,6 +11,9 @@ use super::steps::StepId;
 use super::{Hidden, LodObject, Occluder};
 use crate::occlusion::unit::Footprint;
 
+/// The tangent of an eighth of a turn halved: where an octagon around a circle has its corners.
+pub(super) const OCTAGON: f32 = 0.414_213_57;
+
 /// Which of a node's bounds are asked about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[allow(missing_docs)]
@@ -25,6 +28,8 @@ pub enum BoundsKind {
     Link,
 }
 
+/// Width and height of a wall's picture, pixels: of the whole wall, whatever its shape.
+pub const OCCLUDER_PX: u32 = 288;
 /// The picture is so many times as wide and high as the view, for frames that keep it.
 const WIDER: f32 = 1.28;
 /// Of the angle by which such frames may be turned: about 8 degrees.
@@ -162,14 +167,12 @@ fn bounds_spread(kind: BoundsKind, clip_from_local: &Mat4, bounds: &NodeBounds) 
         _ => {
             let axis = extent.axis.direction();
             let (side, other) = axis.any_orthonormal_pair();
-            // An octagon around the circle.
-            const LONG: f32 = 1.0;
-            const SHORT: f32 = 0.414_213_57; // the tangent of an eighth of a turn halved
             let radius = extent.cylinder_radius;
             let [u, v] = [way(side * radius), way(other * radius)];
             let axis = way(axis);
             let ends = [middle - axis * extent.cylinder_below, middle + axis * extent.cylinder_above].into_iter();
-            let [a, b, c, d] = [u * LONG + v * SHORT, u * LONG - v * SHORT, u * SHORT + v * LONG, u * SHORT - v * LONG];
+            // An octagon around the circle.
+            let [a, b, c, d] = [u + v * OCTAGON, u - v * OCTAGON, u * OCTAGON + v, u * OCTAGON - v];
             Spread::of(ends.flat_map(|end| [end + a, end - a, end + b, end - b, end + c, end - c, end + d, end - d]))
         }
     }

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 use mullion_common::scene::{Hierarchy, NodeBounds, VertexHierarchy};
 
 use super::Hidden;
-use super::occluder::{BoundsKind, link_vertices};
+use super::occluder::{BoundsKind, OCTAGON, link_vertices};
 use super::steps::StepId;
 
 /// What encloses a node: what a mesh of [`SolidMesh`] is, moved, turned and stretched.
@@ -78,8 +78,6 @@ pub struct SolidMesh {
 
 /// Around a circle; the paper's cylinders and ours.
 const SIDES: u16 = 16;
-/// The tangent of an eighth of a turn halved: where an octagon around a circle has its corners.
-const OCTAGON: f32 = 0.414_213_57;
 /// Corners are so much further out, lest rounding takes them in.
 const OUTWARDS: f32 = 1.0 + 1e-6;
 

@@ -7,7 +7,7 @@ use anyhow::Result;
 use image::RgbaImage;
 use mullion_client::frame::Planner;
 use mullion_client::gpu::{Attachments, Gpu, QueryOccluder, Renderer, ViewTarget};
-use mullion_client::lod::{BoundsKind, DepthOccluder, KeptOccluder, LodOptions, LodSight, OccluderFrom, Refinement};
+use mullion_client::lod::{BoundsKind, DepthOccluder, KeptOccluder, LodOptions, LodSight, OCCLUDER_PX, OccluderFrom, Refinement};
 use mullion_common::scene::ObjectId;
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
@@ -20,8 +20,6 @@ use crate::drawn::{self, Hints};
 use crate::lod::{ImageError, Look, Seen, Subject};
 
 const VIEW: ViewId = ViewId(0);
-/// Width and height of the picture of depths, pixels: of which walls have theirs.
-const DEPTHS_PX: u32 = 288;
 
 /// One view's.
 pub struct Contest<'a> {
@@ -58,7 +56,7 @@ impl Way {
         };
         let occluder = match (asked, gpu) {
             (Some((Answers::Depths, kind)), _) => {
-                let depths = DepthOccluder::new([options.occluder_px.unwrap_or(DEPTHS_PX); 2], kind);
+                let depths = DepthOccluder::new([options.occluder_px.unwrap_or(OCCLUDER_PX); 2], kind);
                 Asked::Depths(Box::new(KeptOccluder::new(depths)))
             }
             (Some((Answers::Queries, kind)), Some(gpu)) => {
