@@ -1,7 +1,7 @@
 //! The forest of Bartz, Meißner and Hüttner 1999 (section 5.1.3, Table 1): twelve trees of 28 500 triangles each before a
 //! castle of 110 981, Castel del Monte, 452 981 in all.
 //!
-//! Nodes: forest, tree or castle, bough or part. The castle's middle is the origin, its portal looks towards +Z, where an
+//! Nodes: forest, tree or castle, bough or part, spray of leaves. The castle's middle is the origin, its portal looks towards +Z, where an
 //! alley of trees leads up to it. The meadow belongs to the castle: its blades of grass are the triangles that the stone
 //! leaves.
 mod castle;
@@ -16,12 +16,10 @@ const TREES: usize = 12;
 const TREE_TRIANGLES: usize = 28_500;
 const CASTLE_TRIANGLES: usize = 110_981;
 
-/// Where the alley begins, before the castle's portal, and how far its trees stand apart.
+/// Where the alley begins, before the castle's portal, how far its pairs stand apart, and how far from its middle: crowns touch.
 const ALLEY_M: f32 = 44.0;
-const STRIDE_M: f32 = 9.5;
-/// From the alley's middle to the trees of one pair and of the next.
-const INNER_M: f32 = 4.4;
-const OUTER_M: f32 = 10.5;
+const STRIDE_M: f32 = 5.0;
+const ASIDE_M: f32 = 3.0;
 
 struct Materials {
     stone: MaterialId,
@@ -52,13 +50,11 @@ pub fn generate(seed: u64) -> Glb {
     glb.finish("mullion generate forest")
 }
 
-/// Pairs to both sides of the path, every other pair further out, so that crowns close the gaps of those before them.
+/// Pairs to both sides of the path.
 fn stand(k: usize, random: &mut Random) -> Vec3 {
-    let side = [-1.0, 1.0][k % 2];
-    let row = (k / 2) as f32;
-    let out = [OUTER_M, INNER_M][k / 2 % 2];
-    let x = side * (out + random.range(0.0, 1.6));
-    let z = ALLEY_M + STRIDE_M * row + random.range(-1.5, 1.5);
+    let (side, row) = ([-1.0, 1.0][k % 2], (k / 2) as f32);
+    let x = side * ASIDE_M + random.range(-0.7, 0.7);
+    let z = ALLEY_M + STRIDE_M * row + random.range(-0.7, 0.7);
     vec3(x, meadow::surface(x, z) - 0.1, z)
 }
 

@@ -1,8 +1,8 @@
 //! The garbage can of Bartz, Meißner and Hüttner 1999 (section 5.1.4, Table 1): 2500 objects of about 2100 triangles
 //! each, 5 331 146 in all, none of them fixed to another.
 //!
-//! The first object is the can, a wire basket; the others lie in it at random, as [`heap`] lets them settle. All are
-//! nodes of one root. Objects of one kind share their mesh. The basket gets the triangles that the others leave.
+//! The first object is the can, of sheet metal; the others lie in it at random, as [`heap`] lets them settle. All are
+//! nodes of one root. Objects of one kind share their mesh. The can gets the triangles that the others leave.
 //! Metres, true to life; the floor is y = 0.
 mod fruit;
 mod heap;
@@ -15,15 +15,16 @@ use super::random::Random;
 use super::solid::{Geometry, ring, srgb};
 use glam::{Quat, Vec3, vec3};
 
-/// Objects, the basket among them.
+/// Objects, the can among them.
 const OBJECTS: usize = 2500;
 /// Triangles of all objects together.
 const TRIANGLES: usize = 5_331_146;
-/// Inner radius of the basket and height of its rim.
+/// How far from the can's middle things lie, the radius of its wall, and the height of its rim.
 const RADIUS_M: f32 = 0.52;
-const RIM_M: f32 = 0.96;
+const WALL_M: f32 = 0.56;
+const RIM_M: f32 = 1.1;
 
-/// What lies in the basket many times.
+/// What lies in the can many times.
 struct Kind {
     name: &'static str,
     mesh: MeshId,
@@ -37,17 +38,17 @@ pub fn generate(seed: u64) -> Glb {
     let mut random = Random::new(seed);
     let mut glb = GlbWriter::default();
     let paint = glb.material("paint", [1.0; 4], None, Alpha::Opaque, Sides::One);
-    let wire = glb.material("wire", [1.0; 4], None, Alpha::Opaque, Sides::Both);
+    let sheet = glb.material("sheet", [1.0; 4], None, Alpha::Opaque, Sides::Both);
     let kinds = kinds(&mut glb, paint, &mut random.fork());
-    // As many of each kind, or one more: what is left for the basket is the same whatever the seed.
+    // As many of each kind, or one more: what is left for the can is the same whatever the seed.
     let mut things: Vec<&Kind> = (1..OBJECTS).map(|k| &kinds[k % kinds.len()]).collect();
     shuffle(&mut things, &mut random.fork());
     let places = heap::settle(things.iter().map(|kind| kind.radius_m), &mut random.fork());
     let left = TRIANGLES - things.iter().map(|kind| kind.triangles).sum::<usize>();
-    let basket = glb.mesh("basket", &[(&basket(left), wire)]);
+    let can = glb.mesh("can", &[(&can(left), sheet)]);
 
     let root = glb.node(None, "garbage".into(), None, Place::at(Vec3::ZERO));
-    glb.node(Some(root), "basket".into(), Some(basket), Place::at(Vec3::ZERO));
+    glb.node(Some(root), "can".into(), Some(can), Place::at(Vec3::ZERO));
     let mut random = random.fork();
     for (k, (kind, at)) in things.iter().zip(places).enumerate() {
         let place = Place { rotation: Quat::from_array(random.rotation()), ..Place::at(at) };
@@ -82,30 +83,29 @@ fn bounds(geometry: &Geometry) -> (Vec3, Vec3) {
     geometry.positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
 }
 
-/// Sides of an upright wire, and triangles of one of a single stretch.
-const WIRE_SIDES: usize = 4;
-const WIRE_TRIANGLES: usize = 2 * WIRE_SIDES + 2 * (WIRE_SIDES - 2);
+/// Sides of an upright rib, and triangles of one of a single stretch.
+const RIB_SIDES: usize = 4;
+const RIB_TRIANGLES: usize = 2 * RIB_SIDES + 2 * (RIB_SIDES - 2);
 
-/// Hoops, a floor and upright wires around the heap, with a plate that has exactly what is left of `triangles`.
-fn basket(triangles: usize) -> Geometry {
+/// A wall with hoops and ribs, a floor, with a plate that has exactly what is left of `triangles`.
+fn can(triangles: usize) -> Geometry {
     let mut g = Geometry::default();
-    let (steel, enamel) = (srgb(120, 132, 140), srgb(36, 96, 84));
-    let radius = RADIUS_M + 0.02;
-    for (y, thickness) in [(0.012, 0.012), (0.32, 0.006), (0.64, 0.006), (RIM_M, 0.014)] {
-        g.torus(vec3(0.0, y, 0.0), radius, thickness, [48, 4], steel);
+    let (zinc, dark, enamel) = (srgb(150, 158, 162), srgb(120, 128, 134), srgb(36, 96, 84));
+    g.lathe(Vec3::ZERO, &[(0.0, 0.0), (WALL_M, 0.0), (WALL_M, RIM_M)], 48, zinc);
+    for (y, thickness) in [(0.012, 0.012), (0.36, 0.008), (0.72, 0.008), (RIM_M, 0.016)] {
+        g.torus(vec3(0.0, y, 0.0), WALL_M, thickness, [48, 4], dark);
     }
-    g.lathe(Vec3::ZERO, &[(0.0, 0.001), (radius, 0.001)], 48, steel);
     let least_plate = 40;
-    let wires = ((triangles - g.triangles() - least_plate) / WIRE_TRIANGLES).min(96);
+    let ribs = ((triangles - g.triangles() - least_plate) / RIB_TRIANGLES).min(48);
     // As evenly as the places of a fine ring allow.
-    let places = ring(384);
-    for k in 0..wires {
-        let out = places[k * places.len() / wires];
-        let foot = vec3(out.x, 0.0, out.y) * (radius + 0.008);
-        g.tube(&[foot, foot + vec3(0.0, RIM_M, 0.0)], 0.004, WIRE_SIDES, steel);
+    let places = ring(192);
+    for k in 0..ribs {
+        let out = places[k * places.len() / ribs];
+        let foot = vec3(out.x, 0.0, out.y) * WALL_M;
+        g.tube(&[foot, foot + vec3(0.0, RIM_M, 0.0)], 0.008, RIB_SIDES, zinc);
     }
     let left = triangles - g.triangles();
-    let (half, low, high, z) = (0.1, 0.73, 0.85, radius + 0.016);
+    let (half, low, high, z) = (0.1, 0.79, 0.91, WALL_M + 0.02);
     let corners = [vec3(-half, low, z), vec3(half, low, z), vec3(half, high, z), vec3(-half, high, z)];
     shapes::plate(&mut g, corners, left, enamel);
     g

@@ -50,7 +50,7 @@ pub enum GeneratedScene {
     Cathedrals,
     /// Twelve trees of 28 500 triangles each before a castle of 110 981.
     Forest,
-    /// 2500 things of about 2100 triangles each in a wire basket, none fixed to another.
+    /// 2500 things of about 2100 triangles each in a can, none fixed to another.
     Garbage,
     /// Clustered boxes, as many as asked for.
     Boxes(Boxes),

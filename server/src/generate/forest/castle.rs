@@ -112,7 +112,7 @@ fn turned(at: Vec3, sixteenths: usize) -> Place {
 }
 
 fn wall(half: f32, front: f32, back: f32) -> Wall {
-    Wall { low: vec2(-half, 0.0), high: vec2(half, STOREY_M), front, back, stone: vec2(1.9, 0.8) }
+    Wall { low: vec2(-half, 0.0), high: vec2(half, STOREY_M), front, back, stone: vec2(1.3, 0.5) }
 }
 
 fn cornice(g: &mut Geometry, half: f32, y: f32, z: f32) {
@@ -163,7 +163,7 @@ fn court_wall(g: &mut Geometry, stones: &mut Stones, storey: usize) {
     let half = half_side(ROOM_NEAR_M);
     let mut inner = Geometry::default();
     let wall =
-        Wall { low: vec2(-half, 0.0), high: vec2(half, STOREY_M), front: -COURT_M, back: -ROOM_NEAR_M, stone: vec2(1.8, 0.8) };
+        Wall { low: vec2(-half, 0.0), high: vec2(half, STOREY_M), front: -COURT_M, back: -ROOM_NEAR_M, stone: vec2(1.1, 0.5) };
     let (width, sill, spring) = if storey == 0 { (1.9, 0.0, 2.9) } else { (1.7, 0.6, 3.6) };
     let door = Opening { middle: 0.0, sill, spring, arch: Pointed::equilateral(width), pieces: 8 };
     wall.pierced(&mut inner, &door, stones, BRECCIA);
@@ -181,7 +181,7 @@ fn partition(g: &mut Geometry, stones: &mut Stones) {
     let (near, far) = (ROOM_NEAR_M * scale - 0.3, ROOM_FAR_M * scale + 0.3);
     let mut flat = Geometry::default();
     let wall =
-        Wall { low: vec2(near, 0.0), high: vec2(far, STOREY_M), front: PARTITION_M, back: -PARTITION_M, stone: vec2(1.9, 1.0) };
+        Wall { low: vec2(near, 0.0), high: vec2(far, STOREY_M), front: PARTITION_M, back: -PARTITION_M, stone: vec2(1.3, 0.6) };
     let door = Opening { middle: (near + far) / 2.0, sill: 0.0, spring: 2.6, arch: Pointed::equilateral(1.7), pieces: 6 };
     wall.pierced(&mut flat, &door, stones, BRECCIA);
     for z in [-PARTITION_M, PARTITION_M] {

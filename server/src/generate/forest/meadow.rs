@@ -106,7 +106,8 @@ pub fn grass(glb: &mut GlbWriter, leaves: MaterialId, castle: NodeId, trees: &[V
 fn place_tuft(trees: &[Vec3], random: &mut Random) -> Vec3 {
     if random.chance(0.4) {
         let tree = *random.pick(trees);
-        return tree + vec3(random.range(-2.5, 2.5), 0.0, random.range(-2.5, 2.5));
+        // Outwards of the path.
+        return tree + vec3(tree.x.signum() * random.range(0.0, 2.5), 0.0, random.range(-2.5, 2.5));
     }
     let side = if random.chance(0.5) { 1.0 } else { -1.0 };
     let out = PATH_M + 0.4 + 16.0 * random.unit() * random.unit();

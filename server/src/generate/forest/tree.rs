@@ -1,6 +1,6 @@
 //! A tree: a trunk that forks into boughs, branches and twigs, and leaves along the twigs until its triangles are used.
 use super::{Materials, TREE_TRIANGLES};
-use crate::generate::glb_writer::{GlbWriter, NodeId, Place};
+use crate::generate::glb_writer::{GlbWriter, MaterialId, NodeId, Place};
 use crate::generate::random::Random;
 use crate::generate::solid::{Color, Geometry, ring, srgb};
 use glam::{Quat, Vec3, vec3};
@@ -27,11 +27,11 @@ impl Habit {
         let beech = [srgb(110, 150, 66), srgb(92, 136, 56), srgb(128, 164, 76), srgb(80, 120, 52)];
         let autumn = [srgb(150, 140, 58), srgb(128, 134, 56), srgb(170, 142, 60), srgb(104, 122, 52)];
         Habit {
-            height_m: random.range(11.0, 14.0),
-            bough_m: random.range(4.8, 5.8),
+            height_m: random.range(9.0, 11.0),
+            bough_m: random.range(3.5, 4.2),
             bark: *random.pick(&[srgb(104, 86, 68), srgb(122, 112, 98), srgb(92, 76, 60)]),
             leaves: *random.pick(&[oak, oak, beech, beech, autumn]),
-            leaf_m: random.range(0.23, 0.29),
+            leaf_m: random.range(0.51, 0.6),
         }
     }
 }
@@ -42,7 +42,7 @@ struct Shoot {
     root_radius_m: f32,
 }
 
-/// Adds the trunk and each bough with its leaves as a mesh of its own.
+/// Adds the trunk, the wood of each bough and the leaves of each of its branches as meshes of their own.
 pub fn build(glb: &mut GlbWriter, materials: &Materials, tree: NodeId, random: &mut Random) {
     let habit = Habit::draw(random);
     let up = vec3(random.range(-0.06, 0.06), 1.0, random.range(-0.06, 0.06));
@@ -50,20 +50,21 @@ pub fn build(glb: &mut GlbWriter, materials: &Materials, tree: NodeId, random: &
     let mut wood = Geometry::default();
     taper(&mut wood, &trunk, 12, habit.bark);
     roots(&mut wood, habit.bark, random);
-    let mut boughs: Vec<(Geometry, Vec<Shoot>)> = Vec::new();
-    for k in 0..BOUGHS {
-        boughs.push(bough(&habit, &trunk, k, random));
-    }
-    let spent = wood.triangles() + boughs.iter().map(|(wood, _)| wood.triangles()).sum::<usize>();
-    let mesh = glb.mesh("trunk", &[(&wood, materials.bark)]);
-    glb.node(Some(tree), "trunk".into(), Some(mesh), Place::at(Vec3::ZERO));
-    let mut left = TREE_TRIANGLES - spent;
-    for (k, (wood, twigs)) in boughs.into_iter().enumerate() {
-        let share = left / (BOUGHS - k);
-        left -= share;
-        let leaves = leaves(&habit, &twigs, share, random);
-        let mesh = glb.mesh("bough", &[(&wood, materials.bark), (&leaves, materials.leaves)]);
-        glb.node(Some(tree), format!("bough {}", k + 1), Some(mesh), Place::at(Vec3::ZERO));
+    let boughs: Vec<Bough> = (0..BOUGHS).map(|k| Bough::grow(&habit, &trunk, k, random)).collect();
+    let spent = wood.triangles() + boughs.iter().map(|bough| bough.wood.triangles()).sum::<usize>();
+    let add = |glb: &mut GlbWriter, parent: NodeId, name: String, part: (&Geometry, MaterialId)| {
+        let mesh = glb.mesh(&name, &[part]);
+        glb.node(Some(parent), name, Some(mesh), Place::at(Vec3::ZERO))
+    };
+    add(glb, tree, "trunk".into(), (&wood, materials.bark));
+    let (mut left, mut sprays) = (TREE_TRIANGLES - spent, BOUGHS * BRANCHES);
+    for (k, bough) in boughs.iter().enumerate() {
+        let node = add(glb, tree, format!("bough {}", k + 1), (&bough.wood, materials.bark));
+        for twigs in &bough.branches {
+            let share = left / sprays;
+            (left, sprays) = (left - share, sprays - 1);
+            add(glb, node, "spray".into(), (&leaves(&habit, twigs, share, random), materials.leaves));
+        }
     }
 }
 
@@ -123,35 +124,45 @@ fn roots(g: &mut Geometry, bark: Color, random: &mut Random) {
     }
 }
 
-/// One bough with its branches and twigs; the twigs and the branches' tips bear leaves.
-fn bough(habit: &Habit, trunk: &Shoot, k: usize, random: &mut Random) -> (Geometry, Vec<Shoot>) {
-    let mut wood = Geometry::default();
-    let mut twigs = Vec::new();
-    let share = 0.3 + 0.66 * k as f32 / (BOUGHS - 1) as f32;
-    let (from, _, thickness) = trunk.at(share);
-    // Two fifths of a turn from one to the next, five places of a ring of twelve.
-    let out = ring(12)[k * 5 % 12];
-    let rise = if k + 1 == BOUGHS { 2.5 } else { random.range(0.2, 0.6) + share * 0.6 };
-    let length = habit.bough_m * (1.15 - 0.55 * share);
-    let bough = grow(from, vec3(out.x, rise, out.y), [length, (0.7 * thickness).min(0.16)], 7, random);
-    taper(&mut wood, &bough, 8, habit.bark);
-    for b in 0..BRANCHES {
-        let (from, along, thickness) = bough.at(0.25 + 0.72 * b as f32 / (BRANCHES - 1) as f32);
-        let turn = Quat::from_array(random.rotation());
-        let direction = along + (turn * Vec3::X) * 1.1 + Vec3::Y * 0.15;
-        let branch = grow(from, direction, [length * random.range(0.4, 0.55), thickness * 0.6], 5, random);
-        taper(&mut wood, &branch, 6, habit.bark);
-        for t in 0..TWIGS {
-            let (from, along, thickness) = branch.at(0.3 + 0.65 * t as f32 / (TWIGS - 1) as f32);
+/// One bough with its branches and twigs.
+struct Bough {
+    wood: Geometry,
+    /// By branch: itself and its twigs, which bear leaves.
+    branches: Vec<Vec<Shoot>>,
+}
+
+impl Bough {
+    fn grow(habit: &Habit, trunk: &Shoot, k: usize, random: &mut Random) -> Self {
+        let mut wood = Geometry::default();
+        let mut branches = Vec::new();
+        let share = 0.25 + 0.71 * k as f32 / (BOUGHS - 1) as f32;
+        let (from, _, thickness) = trunk.at(share);
+        // Two fifths of a turn from one to the next, five places of a ring of twelve.
+        let out = ring(12)[k * 5 % 12];
+        let rise = if k + 1 == BOUGHS { 2.5 } else { random.range(0.2, 0.6) + share * 0.6 };
+        let length = habit.bough_m * (1.15 - 0.55 * share);
+        let bough = grow(from, vec3(out.x, rise, out.y), [length, (0.7 * thickness).min(0.16)], 7, random);
+        taper(&mut wood, &bough, 8, habit.bark);
+        for b in 0..BRANCHES {
+            let (from, along, thickness) = bough.at(0.25 + 0.72 * b as f32 / (BRANCHES - 1) as f32);
             let turn = Quat::from_array(random.rotation());
-            let direction = along + (turn * Vec3::X) * 1.2;
-            let twig = grow(from, direction, [random.range(0.7, 1.1), thickness * 0.6], 4, random);
-            taper(&mut wood, &twig, 3, habit.bark);
-            twigs.push(twig);
+            let direction = along + (turn * Vec3::X) * 1.1 + Vec3::Y * 0.15;
+            let branch = grow(from, direction, [length * random.range(0.4, 0.55), thickness * 0.6], 4, random);
+            taper(&mut wood, &branch, 4, habit.bark);
+            let mut twigs = Vec::new();
+            for t in 0..TWIGS {
+                let (from, along, thickness) = branch.at(0.3 + 0.65 * t as f32 / (TWIGS - 1) as f32);
+                let turn = Quat::from_array(random.rotation());
+                let direction = along + (turn * Vec3::X) * 1.2;
+                let twig = grow(from, direction, [random.range(0.5, 0.8), thickness * 0.6], 2, random);
+                taper(&mut wood, &twig, 3, habit.bark);
+                twigs.push(twig);
+            }
+            twigs.push(branch);
+            branches.push(twigs);
         }
-        twigs.push(branch);
+        Self { wood, branches }
     }
-    (wood, twigs)
 }
 
 /// Leaves of exactly `triangles`: two each, folded along the midrib, the last with one half where the number is odd.

@@ -1,4 +1,4 @@
-//! How things come to lie in the basket: balls sink, push each other apart and stay within the wire.
+//! How things come to lie in the can: balls sink, push each other apart and stay within its wall.
 //!
 //! Position based, as in Müller, Heidelberger, Hennix, Ratcliff: "Position based dynamics" (2007), without velocities:
 //! what matters is where the balls end.
@@ -77,7 +77,7 @@ fn push_apart(places: &mut [Vec3], radii: &[f32], cells: &[Vec<usize>]) {
     }
 }
 
-/// On the floor, within the wire, and above the rim within a cone.
+/// On the floor, within the wall, and above the rim within a cone.
 fn within(place: Vec3, radius: f32) -> Vec3 {
     let y = place.y.max(radius);
     let widest = (RADIUS_M - radius - SLOPE * (y - RIM_M).max(0.0)).max(PEAK_M);
