@@ -37,6 +37,7 @@ pub fn upload_with_indices(
 }
 
 fn with_chunks(mut renderer: Renderer, package: &Package) -> Result<Renderer> {
+    renderer.keep_pieces();
     for chunk in (0..package.scene.manifest.chunks.len() as u32).map(ChunkId) {
         renderer.upload(chunk, package.chunk(chunk)).with_context(|| format!("chunk {}", chunk.0))?;
     }

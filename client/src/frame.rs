@@ -88,6 +88,8 @@ pub struct PassPlan {
     /// With occlusion culling those of `opaque` that are drawn at once. The others, and blended ones, are drawn where their boxes are seen
     /// beyond these.
     pub first: Option<VisibleSet>,
+    /// With occlusion culling leaves that are tested piece by piece if they wait. Needs [`crate::gpu::Renderer::keep_pieces`].
+    pub in_pieces: VisibleSet,
     /// What is tested once this round is drawn, where nothing of it waits.
     pub bounds: Vec<Bound>,
     /// Opaque and masked leaves of which a pixel is looked for once this round is drawn, where nothing is tested or counted then.
@@ -246,6 +248,7 @@ impl Planner {
         pass.round = 0;
         pass.opaque.clear();
         pass.parts.clear();
+        pass.in_pieces.clear();
         pass.bounds.clear();
         pass.look_for.clear();
         pass.footprints.clear();
@@ -304,6 +307,7 @@ impl PassPlan {
             opaque: VisibleSet::default(),
             parts: Parts::default(),
             first: None,
+            in_pieces: VisibleSet::default(),
             bounds: Vec::new(),
             look_for: VisibleSet::default(),
             footprints: Vec::new(),

@@ -146,10 +146,13 @@ fn failed(error: impl std::fmt::Display) -> PaintError {
 impl Painter for GpuPainter {
     fn open_scene(&mut self, manifest: &Arc<SceneManifest>, views: &[ViewSpec]) -> Result<(), PaintError> {
         let targets: Vec<ViewTarget> = views.iter().map(|v| ViewTarget { view: v.view, size_px: v.size_px }).collect();
-        let renderer =
+        let mut renderer =
             Renderer::new(Arc::clone(&self.gpu), Arc::clone(manifest), &targets, Attachments::Color).map_err(failed)?;
         // The one that was here knows another scene's leaves.
         let occlusion = if renderer.can_cull() { self.occlusion } else { Occlusion::Off };
+        if occlusion == Occlusion::Hiz {
+            renderer.keep_pieces();
+        }
         self.planner = Planner::new().culling(occlusion).while_worth();
         if let Output::OwnWindow(feed) = &self.output {
             feed.lay_out(layout::lay_out(views)).map_err(|_| PaintError::Closed)?;

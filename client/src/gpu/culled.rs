@@ -1,5 +1,6 @@
 //! A pass with occlusion culling: what was planned to be first is drawn, then what is seen beyond it. Every pixel is as without.
 
+use mullion_common::geometry::Aabb;
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
 use super::device::GpuError;
@@ -21,6 +22,9 @@ pub(super) struct Culling {
     pub boxes: Vec<TestBox>,
     pub seen: Vec<u32>,
 }
+
+/// Leaves are tested piece by piece as long as there are no more boxes than this.
+const MOST_BOXES: usize = 1 << 16;
 
 /// What the GPU says of a draw.
 const BOX_IS_SEEN: u32 = 1;
@@ -194,13 +198,29 @@ impl Renderer {
                 _ => *scale.insert((leaf.object.0, LocalScale::of(&self.transforms[object].affine()))),
             };
             let clip_from_local = glam::Mat4::from_cols_array(&self.list.records[instance.record as usize]);
-            let grown = grower.test(&leaf.local_aabb(), &clip_from_local, &scale);
-            if let Some(grown) = grown {
-                let bounds = TestBox::new(grown, instance.record, draw, self.mirrored[object]).of_leaf(instance.leaf, is_late);
-                boxes.push(bounds);
+            let before = boxes.len();
+            let mut test = |bounds: &Aabb| {
+                let grown = grower.test(bounds, &clip_from_local, &scale);
+                let tested =
+                    |grown| TestBox::new(grown, instance.record, draw, self.mirrored[object]).of_leaf(instance.leaf, is_late);
+                boxes.extend(grown.map(tested));
+                grown.is_some()
+            };
+            let pieces = match &self.pieces {
+                Some(pieces) if pass.in_pieces.contains(instance.leaf) && has_id => &pieces[leaf.chunk.0 as usize][..],
+                _ => &[],
+            };
+            let is_tested = if pieces.is_empty() || before + pieces.len() > MOST_BOXES {
+                test(&leaf.local_aabb())
+            } else {
+                pieces.iter().all(|piece| test(&piece.aabb()))
+            };
+            if is_tested {
                 arguments.instance_count = u32::from(!is_late);
+            } else {
+                boxes.truncate(before);
             }
-            first.tested.push(Some(Tested { leaf: instance.leaf, triangles, is_late, is_seen: grown.is_none(), has_id }));
+            first.tested.push(Some(Tested { leaf: instance.leaf, triangles, is_late, is_seen: !is_tested, has_id }));
         }
         boxes
     }

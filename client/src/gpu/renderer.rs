@@ -19,6 +19,7 @@ use super::timer::Pass;
 use super::unit::Unit;
 use super::upload::{self, Materials, UploadError};
 use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
+use crate::occlusion::pieces::{Piece, pieces};
 
 /// Most leaves of a view that are drawn with occlusion culling: their boxes fit any GPU's buffers and dispatches. More are drawn without.
 const MAX_CULLED: usize = 1 << 21;
@@ -44,6 +45,8 @@ pub struct Renderer {
     geometry: Vec<Option<Slot>>,
     /// The indices of that geometry, where parts of leaves are drawn.
     indices: Option<Vec<Box<[u16]>>>,
+    /// Boxes around its pieces, where leaves are tested piece by piece.
+    pub(super) pieces: Option<Vec<Box<[Piece]>>>,
     pub(super) cuts: Cuts,
     /// What boxes are drawn with.
     cube: Slot,
@@ -86,6 +89,7 @@ impl Renderer {
             cube,
             geometry: vec![None; manifest.chunks.len()],
             indices: None,
+            pieces: None,
             cuts,
             materials,
             pipelines,
@@ -115,6 +119,9 @@ impl Renderer {
         if let Some(indices) = &mut self.indices {
             indices.resize(manifest.chunks.len(), Box::default());
         }
+        if let Some(pieces) = &mut self.pieces {
+            pieces.resize(manifest.chunks.len(), Box::default());
+        }
         self.materials.grow(&self.gpu, &manifest);
         self.manifest = manifest;
         self.gpu.check()
@@ -134,10 +141,13 @@ impl Renderer {
                 if let Some(slot) = *place {
                     return Ok(slot.bytes());
                 }
-                let (slot, indices) = upload::geometry(&self.gpu, &mut self.arena, bytes)?;
+                let (slot, geometry) = upload::geometry(&self.gpu, &mut self.arena, bytes)?;
                 *place = Some(slot);
+                if let Some(kept) = &mut self.pieces {
+                    kept[chunk.0 as usize] = pieces(&geometry.positions, &geometry.indices);
+                }
                 if let Some(kept) = &mut self.indices {
-                    kept[chunk.0 as usize] = indices.into();
+                    kept[chunk.0 as usize] = geometry.indices.into();
                 }
                 Ok(slot.bytes())
             }
@@ -149,6 +159,12 @@ impl Renderer {
     /// already are drawn whole.
     pub fn keep_indices(&mut self) {
         self.indices.get_or_insert_with(|| vec![Box::default(); self.geometry.len()]);
+    }
+
+    /// From now on plans may test leaves piece by piece: for chunks that come, boxes around their pieces are kept, up to 768 bytes a chunk. Leaves of
+    /// chunks that are here already are tested by one box.
+    pub fn keep_pieces(&mut self) {
+        self.pieces.get_or_insert_with(|| vec![Box::default(); self.geometry.len()]);
     }
 
     /// Whether plans may test what is hidden. Where it cannot, those that begin with what was seen draw all, and those in rounds are
@@ -175,6 +191,9 @@ impl Renderer {
                 self.arena.remove(slot);
                 if let Some(indices) = &mut self.indices {
                     indices[chunk.0 as usize] = Box::default();
+                }
+                if let Some(pieces) = &mut self.pieces {
+                    pieces[chunk.0 as usize] = Box::default();
                 }
             }
             None => self.materials.remove(&self.gpu, chunk),

@@ -190,8 +190,8 @@ pub(super) fn unit_cube(gpu: &Gpu, arena: &mut Arena) -> Result<Slot, GpuError> 
 }
 
 /// Decodes and takes a leaf's geometry. Attributes that the chunk lacks become zero and white; texture coordinates
-/// that are not finite become zero. Gives where it lies, and its indices.
-pub(super) fn geometry(gpu: &Gpu, arena: &mut Arena, bytes: &[u8]) -> Result<(Slot, Vec<u16>), UploadError> {
+/// that are not finite become zero. Gives where it lies, too.
+pub(super) fn geometry(gpu: &Gpu, arena: &mut Arena, bytes: &[u8]) -> Result<(Slot, GeometryChunk), UploadError> {
     let chunk = GeometryChunk::decode(bytes)?;
     if let Some(vertex) = chunk.positions.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
         return Err(UploadError::NotFinite { vertex });
@@ -204,5 +204,5 @@ pub(super) fn geometry(gpu: &Gpu, arena: &mut Arena, bytes: &[u8]) -> Result<(Sl
     });
     let too_large = |e: super::arena::TooLarge| UploadError::TooLarge { bytes: e.bytes, limit: e.limit };
     let slot = arena.insert(gpu, vertices, &chunk.indices).map_err(too_large)?;
-    Ok((slot, chunk.indices))
+    Ok((slot, chunk))
 }

@@ -1,5 +1,6 @@
 //! Leaving out what others hide (Bartz, Meißner, Hüttner 1999). Pure: what is to be drawn and asked for, no GPU.
 
+pub mod pieces;
 pub mod rounds;
 pub mod tree;
 pub mod view;

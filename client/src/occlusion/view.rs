@@ -1,7 +1,7 @@
 //! A view's culling, from frame to frame and round to round.
 
 use glam::DAffine3;
-use mullion_common::visible_set::VisibleSet;
+use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::{Projection, ViewId};
 
 use super::rounds::{Order, Round, Rounds, Subject};
@@ -32,6 +32,34 @@ struct Look {
     blended: Vec<u32>,
 }
 
+/// Leaves whose boxes say too little of them: those were seen, but no pixel of the leaves.
+#[derive(Debug, Default)]
+struct Coarse {
+    leaves: VisibleSet,
+    turn: u32,
+    scratch: VisibleSet,
+}
+
+impl Coarse {
+    /// One in so many is tested by its box again, frame by frame: that may be enough by now.
+    const PERIOD: u32 = 32;
+
+    /// Takes what was drawn, at once and late, and of what there was a pixel.
+    fn note(&mut self, first: Option<&VisibleSet>, late: &VisibleSet, seen: &VisibleSet) {
+        self.turn = (self.turn + 1) % Self::PERIOD;
+        self.leaves.union_into(late, &mut self.scratch);
+        if let Some(first) = first {
+            self.scratch.union_into(first, &mut self.leaves);
+            std::mem::swap(&mut self.leaves, &mut self.scratch);
+        }
+        self.scratch.difference_into(seen, &mut self.leaves);
+        std::mem::swap(&mut self.leaves, &mut self.scratch);
+        self.leaves.clear();
+        let kept = self.scratch.leaves().filter(|leaf| leaf % Self::PERIOD != self.turn);
+        kept.for_each(|leaf| self.leaves.push(LeafRange::new(leaf, leaf + 1)));
+    }
+}
+
 #[derive(Debug)]
 enum State {
     /// Two turns of one round: what was seen in the last frame, where that is known.
@@ -39,6 +67,7 @@ enum State {
         seen: Option<VisibleSet>,
         /// What was seen, and what is likely to be.
         likely: VisibleSet,
+        coarse: Coarse,
         /// None: it is always on.
         worth: Option<Worth>,
     },
@@ -64,7 +93,9 @@ impl CulledView {
     /// `worth`: judges whether two turns are left off for a while.
     pub fn new(view: ViewId, occlusion: Occlusion, worth: Option<Worth>, adaptive: Option<Adaptive>) -> Self {
         let state = match occlusion {
-            Occlusion::Off | Occlusion::Hiz => State::Turns { seen: None, likely: VisibleSet::default(), worth },
+            Occlusion::Off | Occlusion::Hiz => {
+                State::Turns { seen: None, likely: VisibleSet::default(), coarse: Coarse::default(), worth }
+            }
             _ => State::Rounds(Box::new(InRounds {
                 rounds: Rounds::default(),
                 adaptive,
@@ -91,9 +122,10 @@ impl CulledView {
         }
         let first = pass.first.take();
         match &mut self.state {
-            State::Turns { seen, likely, worth } => {
+            State::Turns { seen, likely, coarse, worth } => {
                 if worth.as_mut().is_some_and(|worth| !worth.is_on()) {
                     *seen = None;
+                    coarse.leaves.clear();
                     return;
                 }
                 let mut first = first.unwrap_or_default();
@@ -108,6 +140,7 @@ impl CulledView {
                     // All at once in the first frame: what they hide is known in the next.
                     (None, None) => first.clone_from(&pass.opaque),
                 }
+                pass.in_pieces.clone_from(&coarse.leaves);
                 (pass.first, pass.test) = (Some(first), BoxTest::Sifted);
             }
             State::Rounds(state) => {
@@ -143,8 +176,9 @@ impl CulledView {
     /// Takes what came of a round. Whether there is another, which the pass then is.
     pub fn go_on(&mut self, result: &PassResult, pass: &mut PassPlan) -> bool {
         match &mut self.state {
-            State::Turns { seen, worth, .. } => {
+            State::Turns { seen, coarse, worth, .. } => {
                 if let Some(now) = &result.seen {
+                    coarse.note(pass.first.as_ref(), &result.late, now);
                     seen.get_or_insert_default().clone_from(now);
                     let (drawn, hidden) = (result.triangles, result.hidden_triangles);
                     if let Some(worth) = worth {

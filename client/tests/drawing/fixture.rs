@@ -185,6 +185,21 @@ pub fn rectangle(min: [f32; 2], max: [f32; 2]) -> GeometryChunk {
     }
 }
 
+/// A band of 40 triangles from one corner of a square of so many metres to the other, seen from both sides if its material is.
+pub fn diagonal_band(edge_m: f32) -> GeometryChunk {
+    let at = |k: u16| {
+        let along = edge_m * f32::from(k / 2) / 20.0;
+        let aside = if k % 2 == 0 { 0.1 } else { -0.1 };
+        [along + aside, edge_m - along + aside, 0.0]
+    };
+    GeometryChunk {
+        positions: (0..42).map(at).collect(),
+        vertex_ids: (0..42).collect(),
+        indices: (0..40).flat_map(|k| [k, k + 1, k + 2]).collect(),
+        ..Default::default()
+    }
+}
+
 /// A box of 1 by 2 by 3, one corner at the origin, with texture coordinates and a colour for each face.
 pub fn asymmetric_box() -> GeometryChunk {
     let size = [1.0, 2.0, 3.0];
@@ -319,6 +334,7 @@ pub fn renderer(gpu: &Arc<Gpu>, scene: &Scene, size_px: [u32; 2]) -> Renderer {
     let views = [ViewTarget { view: ViewId(4), size_px }];
     let manifest = Arc::new(scene.manifest.clone());
     let mut renderer = Renderer::new(Arc::clone(gpu), manifest, &views, Attachments::ColorAndIds).expect("a renderer");
+    renderer.keep_pieces();
     for (i, bytes) in scene.chunks.iter().enumerate() {
         let _ = renderer.upload(ChunkId(i as u32), bytes); // some tests want bad ones
     }

@@ -12,11 +12,13 @@ use mullion_common::scene::{AlphaMode, Material, ObjectId};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 use mullion_common::wall::ViewId;
 
-use crate::fixture::{Look, Numbers, Scene, asymmetric_box, clutter, coinciding_sheets, gpu, plain, rectangle, renderer};
+use crate::fixture::{
+    Look, Numbers, Scene, asymmetric_box, clutter, coinciding_sheets, diagonal_band, gpu, plain, rectangle, renderer,
+};
 
 const SIZE_PX: [u32; 2] = [143, 91];
 
-/// Clutter in rooms: walls of a lattice, through which some of it sticks, and faces given twice.
+/// Clutter in rooms: walls of a lattice, through which some of it sticks, bands that fill little of their boxes, and faces given twice.
 fn rooms() -> Scene {
     let mut scene = clutter(400);
     let wall = scene.mesh(&rectangle([-20.0, -20.0], [20.0, 20.0]));
@@ -27,6 +29,12 @@ fn rooms() -> Scene {
             let object = scene.object(DAffine3::from_rotation_translation(turn, place));
             scene.leaf(object, wall, paint);
         }
+    }
+    let (band, mut numbers) = (scene.mesh(&diagonal_band(6.0)), Numbers(11));
+    for _ in 0..60 {
+        let turn = DQuat::from_scaled_axis(numbers.vector(-3.0, 3.0));
+        let object = scene.object(DAffine3::from_rotation_translation(turn, numbers.vector(-15.0, 15.0)));
+        scene.leaf(object, band, paint);
     }
     scene.join(&coinciding_sheets(40));
     scene
@@ -344,6 +352,39 @@ fn what_a_wall_hides_is_left_out_from_the_second_frame_on_and_is_back_at_once() 
     [&mut plain, &mut culled].into_iter().for_each(|renderer| renderer.set_transform(in_front, back));
     let drawn: Vec<u32> = (0..3).map(|_| frame(&mut plain, &mut culled)).collect();
     assert_eq!(drawn, [42, 2, 2], "what is hidden goes with the next frame");
+}
+
+/// Two walls leave a quarter of the view open. A band runs behind them, all of it hidden, but the box around it is not.
+#[test]
+fn a_leaf_of_which_only_the_box_is_seen_is_left_out_piece_by_piece() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::default();
+    let paint = scene.material(Material { double_sided: true, ..plain([0.5; 4]) });
+    let walls = [rectangle([-30.0, -30.0], [0.0, 30.0]), rectangle([-30.0, -30.0], [30.0, 0.0])];
+    for (wall, away) in walls.iter().zip([5.0, 5.5]) {
+        let (mesh, object) = (scene.mesh(wall), scene.object(DAffine3::from_translation(DVec3::new(0.0, 0.0, -away))));
+        scene.leaf(object, mesh, paint);
+    }
+    let band = scene.mesh(&diagonal_band(6.0));
+    let object = scene.object(DAffine3::from_translation(DVec3::new(-4.0, -4.0, -20.0)));
+    scene.leaf(object, band, paint);
+    let look = Look::ahead(DVec3::ZERO, SIZE_PX);
+    let (mut plain, mut culled) = both(&gpu, &scene);
+    let mut planner = Planner::new().culling(Occlusion::Hiz);
+    let mut frame = |plain: &mut Renderer, culled: &mut Renderer| {
+        let parts = (&scene, &look, &scene.all(), &VisibleSet::default());
+        draw_with(&mut Planner::new(), plain, parts, |_| {});
+        let result = draw_with(&mut planner, culled, parts, |_| {});
+        assert_same(plain, culled, "with a band");
+        result.leaves
+    };
+    let drawn: Vec<u32> = (0..64).map(|_| frame(&mut plain, &mut culled)).collect();
+    // In the first frame, and whenever its box is tested again.
+    assert_eq!(drawn.iter().filter(|leaves| **leaves == 3).count(), 3, "{drawn:?}");
+    let place = DAffine3::from_translation(DVec3::new(0.0, 0.0, -20.0));
+    [&mut plain, &mut culled].into_iter().for_each(|renderer| renderer.set_transform(object, place.into()));
+    let drawn: Vec<u32> = (0..40).map(|_| frame(&mut plain, &mut culled)).collect();
+    assert_eq!(drawn, [3; 40], "it is seen, also in the first frame");
 }
 
 #[test]
