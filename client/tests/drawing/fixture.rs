@@ -189,7 +189,7 @@ pub fn rectangle(min: [f32; 2], max: [f32; 2]) -> GeometryChunk {
 pub fn diagonal_band(edge_m: f32) -> GeometryChunk {
     let at = |k: u16| {
         let along = edge_m * f32::from(k / 2) / 20.0;
-        let aside = if k % 2 == 0 { 0.1 } else { -0.1 };
+        let aside = if k.is_multiple_of(2) { 0.1 } else { -0.1 };
         [along + aside, edge_m - along + aside, 0.0]
     };
     GeometryChunk {
