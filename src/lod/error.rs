@@ -12,12 +12,17 @@ use crate::item_buffer::NOTHING;
 /// How far around a pixel the other picture is searched. No error is greater.
 const REACH_PX: i32 = 8;
 
+/// Of fewer pixels a hundredth is no share to tell of: a handful of triangles at the edge of what turns away from the eye.
+const FEWEST_PIXELS: usize = 1000;
+
 /// Distances in pixels, over all pixels at which either picture shows something.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct ImageError {
+    /// Of both pictures together.
+    pub pixels: usize,
     pub mean_px: f64,
-    /// The 99th percentile.
-    pub p99_px: f64,
+    /// The 99th percentile; `None` of fewer than a thousand pixels.
+    pub p99_px: Option<f64>,
 }
 
 /// What is seen at a pixel.
@@ -35,8 +40,14 @@ impl ImageError {
         errors.extend(self::errors(look, b, &of_b, &of_a));
         errors.sort_unstable_by(f32::total_cmp);
         let mean_px = errors.iter().map(|e| f64::from(*e)).sum::<f64>() / errors.len().max(1) as f64;
-        let p99_px = errors.get(errors.len() * 99 / 100).copied().unwrap_or(0.0).into();
-        Self { mean_px, p99_px }
+        let pixels = errors.len();
+        let p99_px = errors.get(pixels * 99 / 100).filter(|_| pixels >= FEWEST_PIXELS).copied().map(f64::from);
+        Self { pixels, mean_px, p99_px }
+    }
+
+    /// The 99th percentile as it is told.
+    pub fn p99(&self) -> String {
+        self.p99_px.map_or("-".to_owned(), |px| format!("{px:.2}"))
     }
 }
 
@@ -89,4 +100,41 @@ fn errors(look: &Look, seen: &Seen, own: &[Option<Sample>], other: &[Option<Samp
 fn ring(reach: i32) -> impl Iterator<Item = (i32, i32)> {
     let edge = move |d: i32| d.abs() == reach;
     (-reach..=reach).flat_map(move |y| (-reach..=reach).filter(move |x| edge(*x) || edge(y)).map(move |x| (x, y)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::item_buffer::ItemScene;
+
+    const SIZE_PX: u32 = 64;
+
+    /// A triangle that faces the eye, a tenth as high as it is far, or many times as high.
+    fn triangle(size: f32, away: f32) -> ItemScene {
+        let corners = [[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]].map(|[x, y]: [f32; 2]| Vec3::new(x * size, y * size, -away));
+        ItemScene::of_triangles(DVec3::ZERO, std::iter::once((corners, false)))
+    }
+
+    fn between(a: ItemScene, b: ItemScene) -> ImageError {
+        let look = Look::new(DVec3::ZERO, DVec3::NEG_Z, 0.1, SIZE_PX);
+        let [a, b] = [a, b].map(|scene| Seen::new(&look, scene, [SIZE_PX; 2]));
+        ImageError::between(&look, &a, &b)
+    }
+
+    #[test]
+    fn what_moves_away_is_off_by_as_much() {
+        let found = between(triangle(99.0, 10.0), triangle(99.0, 10.3));
+        assert_eq!(found.pixels, 2 * 64 * 64);
+        // 0.3 of 10 metres, at 64 pixels a radian; towards the corners pixels are larger.
+        let most = 0.3 / 10.0 * 64.0;
+        let p99 = found.p99_px.expect("of many pixels");
+        assert!(found.mean_px <= p99 && p99 <= most && found.mean_px > most * 0.7, "{found:?}");
+    }
+
+    #[test]
+    fn of_few_pixels_there_is_a_mean_alone() {
+        let found = between(triangle(1.0, 10.0), ItemScene::of_triangles(DVec3::ZERO, std::iter::empty()));
+        assert!((1..100).contains(&found.pixels), "{found:?}");
+        assert_eq!((found.mean_px, found.p99_px, found.p99().as_str()), (f64::from(REACH_PX), None, "-"));
+    }
 }

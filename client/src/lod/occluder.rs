@@ -23,7 +23,7 @@ pub enum BoundsKind {
     /// Along the normal: the paper's best.
     Cylinder,
     /// Of a vertex, those around the split and its own: the triangles that it takes and puts are between them. Nothing that the node becomes later: of
-    /// that, each split is asked about for itself. Of a group, its box.
+    /// that, each split is asked about for itself, unless the node's box is hidden, too. Of a group, its box.
     #[default]
     Link,
 }
@@ -36,6 +36,9 @@ const WIDER: f32 = 1.28;
 const LEAST_COSINE: f64 = 0.99;
 /// Of a box's rows of pixels so many are looked at, or fewer than twice as many, and columns as far apart as these.
 const SHARE_ROWS: usize = 32;
+
+/// Pixels that are filled at once, by their columns.
+const LANE: Vec4 = Vec4::new(0.0, 1.0, 2.0, 3.0);
 
 /// Depths in a picture, and of each 2×2, 4×4, … of its pixels the farthest.
 ///
@@ -118,13 +121,22 @@ impl DepthOccluder {
             for (y, row) in coarser.near.chunks_exact_mut(coarser.width).enumerate() {
                 let line = |y: usize| &finer.near[y * finer.width..][..finer.width];
                 let (first, second) = (line(2 * y), line((2 * y + 1).min(finer.height - 1)));
-                for (x, cell) in row.iter_mut().enumerate() {
-                    let next = (2 * x + 1).min(finer.width - 1);
-                    *cell = first[2 * x].min(first[next]).min(second[2 * x].min(second[next]));
+                let ((first, first_rest), (second, second_rest)) = (first.as_chunks::<2>(), second.as_chunks::<2>());
+                let (cells, last) = row.split_at_mut(first.len());
+                for (cell, ([a, b], [c, d])) in cells.iter_mut().zip(first.iter().zip(second)) {
+                    *cell = farther(farther(*a, *b), farther(*c, *d));
                 }
+                // Of an odd width.
+                last.iter_mut().zip(first_rest.iter().zip(second_rest)).for_each(|(cell, (a, c))| *cell = farther(*a, *c));
             }
         }
     }
+}
+
+/// The less near of two. Both are numbers, and so it takes no branch, and several go at once.
+#[inline]
+fn farther(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
 }
 
 /// Where all that a split changes lies in the picture: between the vertices around it and its own.
@@ -224,7 +236,16 @@ impl Occluder for DepthOccluder {
                 return Some(Hidden::Nothing);
             }
             (Hierarchy::Vertices(hierarchy), BoundsKind::Link) => {
-                (link_spread(clip_from_local, hierarchy, step.lead()), Hidden::Split)
+                let lead = step.lead();
+                let is_hidden = link_spread(clip_from_local, hierarchy, lead).is_some_and(|spread| self.is_behind(&spread));
+                // Where all that its vertex becomes is behind, too, nobody need ask about its later splits.
+                let is_followed = || hierarchy.next_sibling(lead).is_some();
+                let whole = || bounds_spread(BoundsKind::Box, clip_from_local, &hierarchy.bounds(lead));
+                return Some(match is_hidden {
+                    false => Hidden::Nothing,
+                    true if is_followed() && whole().is_some_and(|spread| self.is_behind(&spread)) => Hidden::Node,
+                    true => Hidden::Split,
+                });
             }
             (Hierarchy::Vertices(hierarchy), kind) => {
                 (bounds_spread(kind, clip_from_local, &hierarchy.bounds(step.lead())), Hidden::Node)
@@ -333,15 +354,25 @@ fn fill((width, height): (usize, usize), near: &mut [f32], [a, b, c]: [Vec3; 3],
     let (b_x, b_y) = (ac.y * inverse, -ac.x * inverse);
     let (c_x, c_y) = (-ab.y * inverse, ab.x * inverse);
     let (near_b, near_c) = (b.z - a.z, c.z - a.z);
+    // Whole lanes, as far as the picture goes: what is beyond the triangle is outside in any case.
+    let right = width.min(left + (right - left).next_multiple_of(4));
     for y in top..bottom {
         let (dx, dy) = (left as f32 + 0.5 - a.x, y as f32 + 0.5 - a.y);
         let (from_b, from_c) = (b_x * dx + b_y * dy, c_x * dx + c_y * dy);
-        for (x, pixel) in near[y * width..][left..right].iter_mut().enumerate() {
-            let (weight_b, weight_c) = (from_b + b_x * x as f32, from_c + c_x * x as f32);
-            let is_inside = weight_b.min(weight_c) >= 0.0 && weight_b + weight_c <= 1.0;
-            let found = a.z + weight_b * near_b + weight_c * near_c;
-            // Without a branch, several pixels at once.
-            *pixel = if is_inside { pixel.max(found) } else { *pixel };
+        let put = |x: usize, pixels: Vec4| {
+            let x = x as f32 + LANE;
+            let (weight_b, weight_c) = (from_b + b_x * x, from_c + c_x * x);
+            let is_inside = weight_b.min(weight_c).cmpge(Vec4::ZERO) & (weight_b + weight_c).cmple(Vec4::ONE);
+            Vec4::select(is_inside, pixels.max(a.z + weight_b * near_b + weight_c * near_c), pixels)
+        };
+        let (lanes, rest) = near[y * width..][left..right].as_chunks_mut::<4>();
+        for (number, lanes) in lanes.iter_mut().enumerate() {
+            *lanes = put(number * 4, Vec4::from(*lanes)).to_array();
+        }
+        // At the picture's right edge.
+        let at = lanes.len() * 4;
+        for (number, pixel) in rest.iter_mut().enumerate() {
+            *pixel = put(at + number, Vec4::splat(*pixel)).x;
         }
     }
 }
@@ -415,45 +446,55 @@ mod tests {
         }
     }
 
-    /// Before and behind a wall: a small sphere, asked about link by link.
+    /// Before and behind a wall: a small sphere, asked about link by link. Of its first split all that comes of it is looked at, too, as another
+    /// comes after it.
     #[test]
     fn splits_behind_are_hidden() {
         let hierarchy = small_sphere();
-        let lead = StepId(hierarchy.base_count());
+        let [first, last] = [0, 1].map(|number| StepId(hierarchy.base_count() + number));
         let hierarchy = Hierarchy::Vertices(hierarchy);
-        for (z, hidden) in [(-9.0, Hidden::Split), (-3.0, Hidden::Nothing), (-5.0, Hidden::Nothing)] {
+        let cases = [
+            (first, -9.0, Hidden::Node),
+            (first, -5.4, Hidden::Split), // its box is not behind
+            (first, -5.0, Hidden::Nothing),
+            (first, -3.0, Hidden::Nothing),
+            (last, -9.0, Hidden::Split),
+            (last, -3.0, Hidden::Nothing),
+        ];
+        for (step, z, hidden) in cases {
             let mut occluder = looking_ahead(BoundsKind::Link);
             let projection = occluder.projection.expect("it looks");
             draw_square(&mut occluder, 5.0, [-1.0, 1.0]);
             occluder.clip_from_local[0] = projection.clip_from_local(&DAffine3::from_translation(DVec3::new(0.3, 0.1, z)));
-            assert_eq!(occluder.hides(0, &hierarchy, lead), Some(hidden), "at {z}");
+            assert_eq!(occluder.hides(0, &hierarchy, step), Some(hidden), "{step:?} at {z}");
         }
     }
 
-    /// A tetrahedron whose only split puts a vertex outside its first face.
+    /// A tetrahedron, and two splits of one vertex: the first puts one outside its first face, the second one over a face of that.
     fn small_sphere() -> VertexHierarchy {
-        let corners = [[0.0, 0.3, 0.0], [0.3, -0.2, 0.0], [-0.3, -0.2, 0.0], [0.0, 0.0, -0.4], [0.0, 0.0, 0.3]];
+        let corners =
+            [[0.0, 0.3, 0.0], [0.3, -0.2, 0.0], [-0.3, -0.2, 0.0], [0.0, 0.0, -0.4], [0.0, 0.0, 0.3], [-0.15, 0.1, 0.2]];
         let triangles = [[2, 1, 0], [3, 0, 1], [3, 1, 2], [3, 2, 0]];
         let vertices = |positions: &[[f32; 3]]| VertexData { positions: positions.to_vec(), ..VertexData::default() };
         let mut hierarchy = VertexHierarchy::new(BaseMesh {
             vertices: vertices(&corners[..4]),
             triangles: triangles.to_vec(),
             materials: vec![MaterialId(0)],
-            vertex_total: 5,
-            triangle_total: 6,
+            vertex_total: 6,
+            triangle_total: 8,
             block_count: 1,
             local_min: [-0.3, -0.2, -0.4],
             local_max: [0.3, 0.3, 0.3],
             ..BaseMesh::default()
         })
         .expect("a base");
-        let extent = NodeExtent { error: 0.3, radius: 0.6, ..NodeExtent::default() };
+        let extent = NodeExtent { error: 0.3, radius: 0.6, half_box: Vec3::splat(0.6), ..NodeExtent::default() };
         hierarchy
             .append(BlockParts {
                 first: 4,
                 vertices: vertices(&corners[4..]),
-                splits: vec![Split::new(PackedBounds::new(&extent), 3, LinkShape::Ring, false)],
-                links: vec![0, 2, 1],
+                splits: vec![Split::new(PackedBounds::new(&extent), 3, LinkShape::Ring, false); 2],
+                links: vec![0, 2, 1, 0, 2, 4],
             })
             .expect("a block");
         hierarchy

@@ -113,8 +113,8 @@ pub struct Refinement {
     waiting: Vec<Node>,
     /// What a step needs.
     needed: Vec<StepId>,
-    /// Which picture the occluder has.
-    picture: u32,
+    /// Which picture the occluder has, counted around.
+    picture: u8,
     triangle_count: u32,
     steps: u32,
     question_count: u32,
@@ -138,26 +138,25 @@ enum Standing {
 #[derive(Debug, Default)]
 struct Chosen {
     standing: Standing,
-    /// By step.
+    /// By step; whether it is chosen, by a follower's number, too.
     known: Sparse<Known>,
-    search: u32,
-    frame: u32,
+    /// Which frame this is, counted around.
+    frame: u8,
     steps: Vec<StepId>,
 }
 
-/// What is known of a step.
+/// What is known of a step. Small: most of what is asked about in a frame lies far apart, and every line of cache counts.
 #[derive(Clone, Copy, Debug, Default)]
 struct Known {
     /// In which frame it was chosen last.
-    frame: u32,
-    /// What an occluder answered, and which: 0 is none. No answer: it is to come.
-    picture: u32,
-    answer: Option<Hidden>,
-    /// For which search it was found to be needed.
-    search: u32,
+    frame: u8,
     /// In which frame it was put into the queue last, where it comes from several.
-    offered: u32,
+    offered: u8,
+    /// What an occluder answered, and which: 0 is none. No answer: it is to come.
+    picture: u8,
+    answer: Option<Hidden>,
 }
+const _: () = assert!(size_of::<Known>() == 4);
 
 impl Chosen {
     fn begin(&mut self, end: u32) {
@@ -175,17 +174,10 @@ impl Chosen {
         self.known.get(step.index()).frame == self.frame
     }
 
-    fn put(&mut self, step: StepId) {
-        self.known.get_mut(step.index()).frame = self.frame;
-        self.steps.push(step);
-    }
-
-    fn next_search(&mut self) {
-        self.search = self.search.wrapping_add(1);
-        if self.search == 0 {
-            self.known.written().for_each(|known| known.search = 0);
-            self.search = 1;
-        }
+    /// Chooses a step, or gives it up again. [`Chosen::steps`] does not learn of it.
+    fn mark(&mut self, hierarchy: &Hierarchy, step: StepId, is_chosen: bool) {
+        let frame = if is_chosen { self.frame } else { 0 };
+        hierarchy.numbers(step).for_each(|number| self.known.get_mut(number as usize).frame = frame);
     }
 
     /// Whether a step was not put into the queue in this frame.
@@ -193,15 +185,8 @@ impl Chosen {
         std::mem::replace(&mut self.known.get_mut(step.index()).offered, self.frame) != self.frame
     }
 
-    /// Whether a step is not chosen and was not asked about in this search.
-    #[inline]
-    fn is_first_asked(&mut self, step: StepId) -> bool {
-        let known = self.known.get_mut(step.index());
-        known.frame != self.frame && std::mem::replace(&mut known.search, self.search) != self.search
-    }
-
     /// Notes what an occluder answered of a step that it was asked about in this picture; of any other, nothing.
-    fn note_answer(&mut self, step: StepId, picture: u32, hidden: Hidden) {
+    fn note_answer(&mut self, step: StepId, picture: u8, hidden: Hidden) {
         if self.known.get(step.index()).picture == picture {
             self.known.get_mut(step.index()).answer = Some(hidden);
         }
@@ -274,6 +259,8 @@ impl Refinement {
                 }
                 let added = self.find_needed(hierarchy, object, node.step, options.budget);
                 if self.triangle_count.saturating_add(added) > options.budget {
+                    let chosen = &mut self.chosen[object];
+                    self.needed.drain(..).for_each(|step| chosen.mark(hierarchy, step, false));
                     misfits += 1;
                     if self.triangle_count.saturating_add(FEWEST_LEFT) > options.budget {
                         break;
@@ -291,8 +278,7 @@ impl Refinement {
                     Hierarchy::Vertices(_) => self.needed.len() as u32,
                     Hierarchy::Clusters(_) => added / 2,
                 };
-                let chosen = &mut self.chosen[object];
-                self.needed.drain(..).for_each(|step| chosen.put(step));
+                self.chosen[object].steps.append(&mut self.needed);
             }
             self.offer_below(hierarchy, &node);
         }
@@ -445,13 +431,12 @@ impl Refinement {
         }
     }
 
-    /// Finds all steps that one needs and that are not chosen, itself first. How many triangles they add; if they do not fit, as many as were
-    /// found until then.
+    /// Chooses a step and all that it needs, as far as that is not chosen, and notes them as needed, itself first. How many triangles they add; if
+    /// they do not fit, as many as were found until then: all of them are to be given up.
     fn find_needed(&mut self, hierarchy: &Hierarchy, object: usize, step: StepId, budget: u32) -> u32 {
         let (chosen, found) = (&mut self.chosen[object], &mut self.needed);
-        chosen.next_search();
+        chosen.mark(hierarchy, step, true);
         found.clear();
-        chosen.is_first_asked(step);
         found.push(step);
         let (mut at, mut added) = (0, 0u32);
         while let Some(step) = found.get(at).copied() {
@@ -461,7 +446,9 @@ impl Refinement {
                 break;
             }
             hierarchy.for_needs(step, |needed| {
-                if chosen.is_first_asked(needed) {
+                if !chosen.has(needed) {
+                    let needed = hierarchy.named(needed);
+                    chosen.mark(hierarchy, needed, true);
                     found.push(needed);
                 }
             });

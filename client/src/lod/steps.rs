@@ -1,5 +1,7 @@
 //! What refinement asks of a hierarchy, whatever its form.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use mullion_common::scene::{ClusterHierarchy, GroupId, Hierarchy, PackedBounds, VertexHierarchy, VertexId};
 
@@ -35,8 +37,14 @@ pub(super) trait Steps {
     /// Steps that nothing comes before, each with the vertex that splits, if one does.
     fn for_first(&self, with: impl FnMut(VertexId, StepId));
 
-    /// Steps that must be made before one.
+    /// Steps that must be made before one, each by one of its numbers, some more than once.
     fn for_needs(&self, step: StepId, with: impl FnMut(StepId));
+
+    /// The step that a number is of.
+    fn named(&self, number: StepId) -> StepId;
+
+    /// All numbers of a step, its own first.
+    fn numbers(&self, step: StepId) -> Range<u32>;
 
     /// How many triangles a step adds.
     fn added_triangles(&self, step: StepId) -> u32;
@@ -62,12 +70,19 @@ impl Steps for VertexHierarchy {
     #[inline]
     fn for_needs(&self, step: StepId, mut with: impl FnMut(StepId)) {
         for vertex in self.together(step.lead()) {
-            for needed in self.link(vertex).path().iter().map(|v| VertexId(*v)) {
-                if !self.is_base(needed) {
-                    with(StepId(self.lead(needed).0));
-                }
-            }
+            let is_split = |v: &&u32| !self.is_base(VertexId(**v));
+            self.link(vertex).path().iter().filter(is_split).for_each(|v| with(StepId(*v)));
         }
+    }
+
+    #[inline]
+    fn named(&self, number: StepId) -> StepId {
+        StepId(self.lead(number.lead()).0)
+    }
+
+    #[inline]
+    fn numbers(&self, step: StepId) -> Range<u32> {
+        step.0..step.0 + self.together(step.lead()).count() as u32
     }
 
     #[inline]
@@ -97,6 +112,16 @@ impl Steps for ClusterHierarchy {
     #[inline]
     fn for_needs(&self, step: StepId, mut with: impl FnMut(StepId)) {
         self.needs(step.group()).iter().for_each(|group| with(StepId(group.0)));
+    }
+
+    #[inline]
+    fn named(&self, number: StepId) -> StepId {
+        number
+    }
+
+    #[inline]
+    fn numbers(&self, step: StepId) -> Range<u32> {
+        step.0..step.0 + 1
     }
 
     #[inline]
@@ -137,6 +162,22 @@ impl Steps for Hierarchy {
         match self {
             Self::Vertices(hierarchy) => hierarchy.for_needs(step, with),
             Self::Clusters(hierarchy) => hierarchy.for_needs(step, with),
+        }
+    }
+
+    #[inline]
+    fn named(&self, number: StepId) -> StepId {
+        match self {
+            Self::Vertices(hierarchy) => hierarchy.named(number),
+            Self::Clusters(hierarchy) => hierarchy.named(number),
+        }
+    }
+
+    #[inline]
+    fn numbers(&self, step: StepId) -> Range<u32> {
+        match self {
+            Self::Vertices(hierarchy) => hierarchy.numbers(step),
+            Self::Clusters(hierarchy) => hierarchy.numbers(step),
         }
     }
 

@@ -192,9 +192,10 @@ impl VertexCut {
             self.reset(hierarchy);
         }
         let mut changes = std::mem::take(&mut self.changes);
-        let is_lead = |v: VertexId| !hierarchy.is_base(v) && !hierarchy.is_follower(v);
+        // What a vertex follows is in its record: of those that stay nobody need look there.
+        let goes = |v: VertexId| !hierarchy.is_base(v) && !is_chosen(v) && !hierarchy.is_follower(v);
         changes.clear();
-        changes.extend(self.slots.iter().map(|slot| slot.vertex).filter(|v| is_lead(*v) && !is_chosen(*v)));
+        changes.extend(self.slots.iter().map(|slot| slot.vertex).filter(|v| goes(*v)));
         // What a split needs has lower numbers.
         changes.sort_unstable();
         changes.drain(..).rev().for_each(|lead| {

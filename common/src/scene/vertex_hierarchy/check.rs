@@ -2,7 +2,8 @@
 
 use super::{
     BaseMesh, BlockParts, Link, LinkShape, MAX_BASE_TRIANGLES, MAX_BLOCK_VERTICES, MAX_HIERARCHY_VERTICES, MAX_LINK, MAX_PARTS,
-    TrianglePlace, VertexAttributes, VertexData, VertexHierarchy, VertexHierarchyError, VertexId, greatest_first,
+    Split, TrianglePlace, VertexAttributes, VertexData, VertexHierarchy, VertexHierarchyError, VertexId, VertexRecord,
+    greatest_first,
 };
 
 type Error = VertexHierarchyError;
@@ -71,13 +72,9 @@ impl VertexHierarchy {
             base_count: count as u32,
             blocks: 0,
             vertices: base.vertices.clone(),
-            splits: Vec::new(),
+            records: (0..count as u32).map(|v| VertexRecord::new(v, Split::default())).collect(),
             links: Vec::new(),
-            link_starts: vec![0],
             base_starts,
-            last_child: (0..count as u32).collect(),
-            next_sibling: (0..count as u32).collect(),
-            finest: Vec::new(),
             finest_base: vec![true; base.triangles.len()],
             triangle_count: base.triangles.len() as u32,
             base,
@@ -111,9 +108,9 @@ impl VertexHierarchy {
             return Err(Error::Header { what: "words of links", value: u32::MAX, allowed: "fewer than 2^32" });
         }
 
-        let (splits_before, links_before) = (self.splits.len(), self.links.len());
+        let links_before = self.links.len();
         self.vertices.append(vertices);
-        self.splits.extend(splits);
+        self.records.extend((before..).zip(splits).map(|(v, split)| VertexRecord::new(v, split)));
         self.links.extend(links);
         let mut taken = Vec::new();
         let made = (before..before + count as u32).try_for_each(|v| self.make(VertexId(v), before, &mut taken));
@@ -121,25 +118,23 @@ impl VertexHierarchy {
         let checked = made.and_then(|()| self.check_total());
         if checked.is_err() {
             self.blocks -= 1;
-            self.undo(&taken, splits_before, links_before);
+            self.undo(&taken, before, links_before);
         }
         checked
     }
 
-    fn undo(&mut self, taken: &[TrianglePlace], splits: usize, links: usize) {
+    fn undo(&mut self, taken: &[TrianglePlace], vertices: u32, links: usize) {
         for place in taken {
             self.set_left(*place, true);
         }
-        self.vertices.truncate(self.base_count as usize + splits);
-        self.splits.truncate(splits);
+        self.vertices.truncate(vertices as usize);
+        self.records.truncate(vertices as usize);
         self.links.truncate(links);
-        self.link_starts.truncate(splits + 1);
-        self.finest.truncate(splits);
-        self.last_child.clear();
-        self.next_sibling.clear();
-        (0..self.base_count).for_each(|v| self.add_to_tree(VertexId(v)));
-        (self.base_count..self.vertex_count()).for_each(|v| self.add_to_tree(VertexId(v)));
-        let left: u32 = self.finest.iter().map(|mask| mask.count_ones()).sum();
+        for (number, record) in (0..).zip(&mut self.records) {
+            (record.last_child, record.next_sibling) = (number, number);
+        }
+        (self.base_count..vertices).for_each(|v| self.add_to_tree(VertexId(v)));
+        let left: u32 = self.records.iter().map(|record| record.finest.count_ones()).sum();
         self.triangle_count = left + self.finest_base.iter().filter(|left| **left).count() as u32;
     }
 
@@ -155,10 +150,11 @@ impl VertexHierarchy {
     fn make(&mut self, vertex: VertexId, block: u32, taken: &mut Vec<TrianglePlace>) -> Result<(), Error> {
         let refuse = |problem| Err(Error::Split { vertex: vertex.0, problem });
         let head = self.split(vertex).link;
-        let start = *self.link_starts.last().expect("it begins with one") as usize;
+        // Links are in the order of their vertices; those of the base have none.
+        let start = vertex.index().checked_sub(1).map_or(0, |last| self.records[last].link_end());
         let end = start + head.length();
         let Some(shape) = head.checked_shape() else { return refuse("its link has no shape") };
-        self.link_starts.push(end as u32);
+        self.records[vertex.index()].link_start = start as u32;
         let is_follower = head.is_follower();
         if is_follower {
             if vertex.0 == block || self.is_follower(VertexId(vertex.0 - 1)) {
@@ -192,7 +188,7 @@ impl VertexHierarchy {
             self.set_left(place, false);
             taken.push(place);
         }
-        self.finest.push(((1u64 << link.edges().len()) - 1) as u32);
+        self.records[vertex.index()].finest = ((1u64 << link.edges().len()) - 1) as u32;
         self.triangle_count += link.added_triangles();
         self.add_to_tree(vertex);
         Ok(())
@@ -202,7 +198,7 @@ impl VertexHierarchy {
         if self.is_base(place.maker) {
             self.finest_base[self.base_range(place.maker).start + place.number as usize]
         } else {
-            self.finest[(place.maker.0 - self.base_count) as usize] >> place.number & 1 != 0
+            self.records[place.maker.index()].finest >> place.number & 1 != 0
         }
     }
 
@@ -210,25 +206,24 @@ impl VertexHierarchy {
         if self.is_base(place.maker) {
             let at = self.base_range(place.maker).start + place.number as usize;
             self.finest_base[at] = left;
-        } else if let Some(mask) = self.finest.get_mut((place.maker.0 - self.base_count) as usize) {
+        } else {
+            let mask = &mut self.records[place.maker.index()].finest;
             *mask = *mask & !(1 << place.number) | u32::from(left) << place.number;
         }
     }
 
     /// Leads become children of their parents; siblings ascend.
     fn add_to_tree(&mut self, vertex: VertexId) {
-        self.last_child.push(vertex.0);
-        self.next_sibling.push(vertex.0);
-        if self.is_base(vertex) || self.is_follower(vertex) {
+        if self.is_follower(vertex) {
             return;
         }
         let parent = self.parent(vertex).index();
-        let last = self.last_child[parent] as usize;
+        let last = self.records[parent].last_child as usize;
         if last != parent {
-            self.next_sibling[vertex.index()] = self.next_sibling[last];
-            self.next_sibling[last] = vertex.0;
+            self.records[vertex.index()].next_sibling = self.records[last].next_sibling;
+            self.records[last].next_sibling = vertex.0;
         }
-        self.last_child[parent] = vertex.0;
+        self.records[parent].last_child = vertex.0;
     }
 }
 

@@ -81,6 +81,35 @@ impl Split {
     }
 }
 
+/// What is asked of a vertex, together: half a line of cache.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C, align(32))]
+struct VertexRecord {
+    /// Of a vertex of the base, one without a link.
+    split: Split,
+    /// Where its link starts.
+    link_start: u32,
+    /// Its last child, or itself.
+    last_child: u32,
+    /// The sibling after it, and after the last the first.
+    next_sibling: u32,
+    /// Which of the triangles that it makes are left once all is split: a bit each. Nothing of the base.
+    finest: u32,
+}
+const _: () = assert!(size_of::<VertexRecord>() == 32);
+
+impl VertexRecord {
+    fn new(vertex: u32, split: Split) -> Self {
+        Self { split, link_start: 0, last_child: vertex, next_sibling: vertex, finest: 0 }
+    }
+
+    /// Where its link ends.
+    #[inline]
+    fn link_end(&self) -> usize {
+        self.link_start as usize + self.split.link.length()
+    }
+}
+
 /// A triangle by the vertex that made it: the greatest of its three.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TrianglePlace {
@@ -150,19 +179,11 @@ pub struct VertexHierarchy {
     blocks: u32,
     /// All vertices that are there, the base's too.
     vertices: VertexData,
-    /// Of the vertices behind the base.
-    splits: Vec<Split>,
+    /// Of all vertices.
+    records: Vec<VertexRecord>,
     links: Vec<u32>,
-    /// Where each split's link starts, and once more where the last ends.
-    link_starts: Vec<u32>,
     /// Where the base triangles of each base vertex start, and once more.
     base_starts: Vec<u32>,
-    /// For each vertex its last child, or itself.
-    last_child: Vec<u32>,
-    /// For each vertex the sibling after it, and after the last the first.
-    next_sibling: Vec<u32>,
-    /// Which triangles of each maker behind the base are left once all is split: a bit each.
-    finest: Vec<u32>,
     finest_base: Vec<bool>,
     triangle_count: u32,
 }
@@ -223,15 +244,14 @@ impl VertexHierarchy {
 
     #[inline]
     fn split(&self, vertex: VertexId) -> &Split {
-        &self.splits[(vertex.0 - self.base_count) as usize]
+        &self.records[vertex.index()].split
     }
 
     /// A vertex's link. Not of the base.
     #[inline]
     pub fn link(&self, vertex: VertexId) -> Link<'_> {
-        let at = (vertex.0 - self.base_count) as usize;
-        let path = &self.links[self.link_starts[at] as usize..self.link_starts[at + 1] as usize];
-        Link::new(path, self.splits[at].link.shape())
+        let record = &self.records[vertex.index()];
+        Link::new(&self.links[record.link_start as usize..record.link_end()], record.split.link.shape())
     }
 
     /// The vertex from which a vertex splits. Not of the base.
@@ -251,7 +271,7 @@ impl VertexHierarchy {
     /// Whether a vertex splits together with the one before it.
     #[inline]
     pub fn is_follower(&self, vertex: VertexId) -> bool {
-        !self.is_base(vertex) && self.split(vertex).link.is_follower()
+        self.split(vertex).link.is_follower()
     }
 
     /// The lead that a vertex splits with: itself, if it follows none.
@@ -269,15 +289,15 @@ impl VertexHierarchy {
     /// The coarsest of the leads that split from a vertex.
     #[inline]
     pub fn first_child(&self, vertex: VertexId) -> Option<VertexId> {
-        let last = self.last_child[vertex.index()];
-        (last != vertex.0).then(|| VertexId(self.next_sibling[last as usize]))
+        let last = self.records[vertex.index()].last_child;
+        (last != vertex.0).then(|| VertexId(self.records[last as usize].next_sibling))
     }
 
     /// The next finer of the leads that split from the same vertex.
     #[inline]
     pub fn next_sibling(&self, lead: VertexId) -> Option<VertexId> {
         // Siblings ascend, and after the last comes the first.
-        let next = self.next_sibling[lead.index()];
+        let next = self.records[lead.index()].next_sibling;
         (next > lead.0).then_some(VertexId(next))
     }
 
@@ -340,17 +360,17 @@ impl VertexHierarchy {
 
     /// What it takes of memory as far as it is there, bytes.
     pub fn memory_bytes(&self) -> u64 {
-        let Self { base, vertices, splits, links, link_starts, base_starts, last_child, next_sibling, finest, .. } = self;
-        let words = [links, link_starts, base_starts, last_child, next_sibling, finest].map(|array| size_of_val(&array[..]));
+        let Self { base, vertices, records, links, base_starts, .. } = self;
+        let words = [links, base_starts].map(|array| size_of_val(&array[..]));
         let of_vertices = [&base.vertices, vertices].map(VertexData::memory_bytes);
-        let others = size_of_val(&splits[..]) + size_of_val(&base.triangles[..]);
+        let others = size_of_val(&records[..]) + size_of_val(&base.triangles[..]);
         (words.iter().sum::<usize>() + of_vertices.iter().sum::<usize>() + others) as u64
     }
 
     /// What the hierarchy takes beside the vertices' positions, texture coordinates and colours, as bytes that are stored.
     pub fn structure_bytes(&self) -> u64 {
         let arrays = [
-            size_of_val(&self.splits[..]),
+            size_of::<Split>() * (self.vertex_count() - self.base_count) as usize,
             size_of_val(&self.links[..]),
             size_of_val(&self.base.triangles[..]),
             size_of_val(&self.vertices.parts[..]),
