@@ -316,6 +316,15 @@ fn of_coplanar_faces_the_first_leaf_is_seen_in_whichever_turn() {
     }
 }
 
+/// Draws a frame of all without and with culling, and holds them against each other. How many leaves the latter drew.
+fn drawn_alike((scene, look): (&Scene, &Look), planner: &mut Planner, plain: &mut Renderer, culled: &mut Renderer) -> u32 {
+    let parts = (scene, look, &scene.all(), &VisibleSet::default());
+    draw_with(&mut Planner::new(), plain, parts, |_| {});
+    let result = draw_with(planner, culled, parts, |_| {});
+    assert_same(plain, culled, "all, and what is not hidden");
+    result.leaves
+}
+
 #[test]
 fn what_a_wall_hides_is_left_out_from_the_second_frame_on_and_is_back_at_once() {
     let Some(gpu) = gpu() else { return };
@@ -335,13 +344,7 @@ fn what_a_wall_hides_is_left_out_from_the_second_frame_on_and_is_back_at_once() 
     let look = Look::ahead(DVec3::ZERO, SIZE_PX);
     let (mut plain, mut culled) = both(&gpu, &scene);
     let mut planner = Planner::new().culling(Occlusion::Hiz);
-    let mut frame = |plain: &mut Renderer, culled: &mut Renderer| {
-        let parts = (&scene, &look, &scene.all(), &VisibleSet::default());
-        draw_with(&mut Planner::new(), plain, parts, |_| {});
-        let result = draw_with(&mut planner, culled, parts, |_| {});
-        assert_same(plain, culled, "with a wall");
-        result.leaves
-    };
+    let mut frame = |plain: &mut Renderer, culled: &mut Renderer| drawn_alike((&scene, &look), &mut planner, plain, culled);
     // The glass waits even in the first frame.
     let drawn: Vec<u32> = (0..3).map(|_| frame(&mut plain, &mut culled)).collect();
     assert_eq!(drawn, [32, 2, 2], "the wall, and what is around the eye");
@@ -371,13 +374,7 @@ fn a_leaf_of_which_only_the_box_is_seen_is_left_out_piece_by_piece() {
     let look = Look::ahead(DVec3::ZERO, SIZE_PX);
     let (mut plain, mut culled) = both(&gpu, &scene);
     let mut planner = Planner::new().culling(Occlusion::Hiz);
-    let mut frame = |plain: &mut Renderer, culled: &mut Renderer| {
-        let parts = (&scene, &look, &scene.all(), &VisibleSet::default());
-        draw_with(&mut Planner::new(), plain, parts, |_| {});
-        let result = draw_with(&mut planner, culled, parts, |_| {});
-        assert_same(plain, culled, "with a band");
-        result.leaves
-    };
+    let mut frame = |plain: &mut Renderer, culled: &mut Renderer| drawn_alike((&scene, &look), &mut planner, plain, culled);
     let drawn: Vec<u32> = (0..64).map(|_| frame(&mut plain, &mut culled)).collect();
     // In the first frame, and whenever its box is tested again.
     assert_eq!(drawn.iter().filter(|leaves| **leaves == 3).count(), 3, "{drawn:?}");
