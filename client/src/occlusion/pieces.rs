@@ -6,7 +6,7 @@ use mullion_common::geometry::Aabb;
 
 /// Most pieces of a leaf, and triangles of a piece at least: more boxes cost more than what they save.
 const MOST_PIECES: usize = 32;
-const LEAST_TRIANGLES: usize = 8;
+const LEAST_TRIANGLES: usize = 16;
 
 /// A box in the leaf's own space: least and greatest coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn pieces_hold_all_triangles_and_far_less_else() {
-        for count in [16, 17, 250, 4096] {
+        for count in [32, 33, 250, 4096] {
             let (positions, indices) = diagonal(count);
             let found = pieces(&positions, &indices);
             assert_eq!(found.len(), (usize::from(count) / LEAST_TRIANGLES).min(MOST_PIECES));
@@ -87,12 +87,12 @@ mod tests {
 
     #[test]
     fn what_is_small_or_broken_has_none() {
-        let (positions, indices) = diagonal(15);
+        let (positions, indices) = diagonal(31);
         assert!(pieces(&positions, &indices).is_empty());
         assert!(pieces(&positions, &[]).is_empty());
         let (positions, indices) = diagonal(100);
         assert!(pieces(&positions[..50], &indices).is_empty());
         // All in one place: any division is as good.
-        assert_eq!(pieces(&[[1.0; 3]], &[0; 300]).len(), 12);
+        assert_eq!(pieces(&[[1.0; 3]], &[0; 300]).len(), 6);
     }
 }
