@@ -21,7 +21,7 @@ const OBJECTS: usize = 2500;
 const TRIANGLES: usize = 5_331_146;
 /// How far from the can's middle things lie, the radius of its wall, and the height of its rim.
 const RADIUS_M: f32 = 0.52;
-const WALL_M: f32 = 0.56;
+const WALL_M: f32 = 0.59;
 const RIM_M: f32 = 1.1;
 
 /// What lies in the can many times.
