@@ -132,6 +132,26 @@ fn the_map_names_what_is_there() {
     assert!(missing.is_empty(), "ARCHITECTURE.md names what is not there: {missing:?}");
 }
 
+/// Goal: no page links to a place of the project that is not there. Method: of every page what stands between `](` and `)`, but for the web.
+#[test]
+fn links_lead_somewhere() {
+    let mut missing = Vec::new();
+    let mut links = 0;
+    for path in files_below("").into_iter().filter(|path| path.extension().is_some_and(|end| end == "md")) {
+        let page = text(&path);
+        let targets = page.split("](").skip(1).filter_map(|rest| rest.split([')', '#']).next());
+        for target in targets.filter(|target| !target.is_empty() && !target.contains("://")) {
+            links += 1;
+            let place = path.parent().unwrap_or(Path::new("")).join(target);
+            if !Path::new(ROOT).join(&place).exists() {
+                missing.push(format!("{}: {target}", path.display()));
+            }
+        }
+    }
+    assert!(links >= 10, "pages link to each other: {links}");
+    assert!(missing.is_empty(), "{}", missing.join("\n"));
+}
+
 #[test]
 fn nothing_is_left_to_be_done_later() {
     // Put together here, so that this file does not hold what it looks for.
