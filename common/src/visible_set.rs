@@ -118,8 +118,10 @@ impl VisibleSet {
         }
     }
 
-    /// Adds the ranges of a set that starts at or after the start of this one's last range.
+    /// Adds a set whose leaves all come after those of this one. Cheap.
     pub fn append(&mut self, after: &Self) {
+        let end = |set: &Self| set.ranges.last().map_or(0, |last| last.end);
+        debug_assert!(after.ranges.first().is_none_or(|first| first.start >= end(self)), "sets out of order");
         self.append_ranges(&after.ranges);
     }
 
@@ -349,7 +351,9 @@ mod tests {
             assert_valid(&out);
             prop_assert_eq!(out.leaves().collect::<BTreeSet<_>>(), &oracle_a | &oracle_b);
 
-            let after = VisibleSet::from_ranges(b.ranges().iter().map(|r| LeafRange::new(r.start + 60, r.end + 60)));
+            // Right behind the last leaf, or further.
+            let end = a.ranges().last().map_or(0, |last| last.end);
+            let after = VisibleSet::from_ranges(b.ranges().iter().map(|r| LeafRange::new(r.start + end, r.end + end)));
             let mut appended = a.clone();
             appended.append(&after);
             a.union_into(&after, &mut out);
