@@ -12,17 +12,14 @@ use crate::item_buffer::NOTHING;
 /// How far around a pixel the other picture is searched. No error is greater.
 const REACH_PX: i32 = 8;
 
-/// Of fewer pixels a hundredth is no share to tell of: a handful of triangles at the edge of what turns away from the eye.
-const FEWEST_PIXELS: usize = 1000;
-
 /// Distances in pixels, over all pixels at which either picture shows something.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct ImageError {
-    /// Of both pictures together.
+    /// Of both pictures together: of few of them a percentile says little.
     pub pixels: usize,
     pub mean_px: f64,
-    /// The 99th percentile; `None` of fewer than a thousand pixels.
-    pub p99_px: Option<f64>,
+    /// The 99th percentile.
+    pub p99_px: f64,
 }
 
 /// What is seen at a pixel.
@@ -41,13 +38,8 @@ impl ImageError {
         errors.sort_unstable_by(f32::total_cmp);
         let mean_px = errors.iter().map(|e| f64::from(*e)).sum::<f64>() / errors.len().max(1) as f64;
         let pixels = errors.len();
-        let p99_px = errors.get(pixels * 99 / 100).filter(|_| pixels >= FEWEST_PIXELS).copied().map(f64::from);
+        let p99_px = errors.get(pixels * 99 / 100).copied().unwrap_or(0.0).into();
         Self { pixels, mean_px, p99_px }
-    }
-
-    /// The 99th percentile as it is told.
-    pub fn p99(&self) -> String {
-        self.p99_px.map_or("-".to_owned(), |px| format!("{px:.2}"))
     }
 }
 
@@ -127,14 +119,13 @@ mod tests {
         assert_eq!(found.pixels, 2 * 64 * 64);
         // 0.3 of 10 metres, at 64 pixels a radian; towards the corners pixels are larger.
         let most = 0.3 / 10.0 * 64.0;
-        let p99 = found.p99_px.expect("of many pixels");
-        assert!(found.mean_px <= p99 && p99 <= most && found.mean_px > most * 0.7, "{found:?}");
+        assert!(found.mean_px <= found.p99_px && found.p99_px <= most && found.mean_px > most * 0.7, "{found:?}");
     }
 
     #[test]
-    fn of_few_pixels_there_is_a_mean_alone() {
+    fn what_is_gone_is_off_by_as_much_as_is_searched() {
         let found = between(triangle(1.0, 10.0), ItemScene::of_triangles(DVec3::ZERO, std::iter::empty()));
         assert!((1..100).contains(&found.pixels), "{found:?}");
-        assert_eq!((found.mean_px, found.p99_px, found.p99().as_str()), (f64::from(REACH_PX), None, "-"));
+        assert_eq!((found.mean_px, found.p99_px), (f64::from(REACH_PX), f64::from(REACH_PX)));
     }
 }

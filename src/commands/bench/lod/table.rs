@@ -91,7 +91,7 @@ impl Table {
             let sum = |way: &WayFigures| way.frame_ms.iter().skip(1).sum::<f64>();
             let cost = (sum(way) / sum(&self.ways[0]) - 1.0) * 100.0;
             say!(
-                "{:<17}{:>8}{:>9}{:>10.1}{:>10.1}{:>11.0}{:>11.2}{:>11.2}{:>9.1}{:>9.1}{:>9.2}{:>9}",
+                "{:<17}{:>8}{:>9}{:>10.1}{:>10.1}{:>11.0}{:>11.2}{:>11.2}{:>9.1}{:>9.1}{:>9.2}{:>9.2}",
                 way.name,
                 way.triangles.iter().max().copied().unwrap_or(0),
                 way.visible[0],
@@ -103,15 +103,15 @@ impl Table {
                 cost,
                 way.frame_ms[0],
                 way.error.mean_px,
-                way.error.p99()
+                way.error.p99_px
             );
         }
         say!(
-            "wrong by at most {} pixels: {} triangles, off by {:.2} pixels in the mean, {} at the 99th percentile of {} pixels",
+            "wrong by at most {} pixels: {} triangles, off by {:.2} pixels in the mean, {:.2} at the 99th percentile of {} pixels",
             fine.pixel_error,
             fine.triangles,
             fine.error.mean_px,
-            fine.error.p99(),
+            fine.error.p99_px,
             fine.error.pixels
         );
         say!("");
