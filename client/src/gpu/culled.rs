@@ -206,14 +206,12 @@ impl Renderer {
                 boxes.extend(grown.map(tested));
                 grown.is_some()
             };
-            let pieces = match &self.pieces {
-                Some(pieces) if pass.in_pieces.contains(instance.leaf) && has_id => &pieces[leaf.chunk.0 as usize][..],
-                _ => &[],
-            };
+            let is_in_pieces = has_id && pass.in_pieces.contains(instance.leaf);
+            let pieces = if is_in_pieces { self.pieces.of(leaf.chunk) } else { &[] };
             let is_tested = if pieces.is_empty() || before + pieces.len() > MOST_BOXES {
                 test(&leaf.local_aabb())
             } else {
-                pieces.iter().all(|piece| test(&piece.aabb()))
+                pieces.iter().all(test)
             };
             if is_tested {
                 arguments.instance_count = u32::from(!is_late);

@@ -14,6 +14,7 @@
 
 mod arena;
 mod bindings;
+mod by_chunk;
 mod culled;
 mod cuts;
 mod device;

@@ -4,11 +4,13 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DAffine3;
+use mullion_common::geometry::Aabb;
 use mullion_common::scene::{ChunkId, ChunkKind, LeafRecord, MaterialId, ObjectId, SceneManifest, Transform};
 use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 
 use super::arena::{Arena, Slot};
+use super::by_chunk::ByChunk;
 use super::culled::Culling;
 use super::cuts::Cuts;
 use super::device::{Gpu, GpuError};
@@ -19,7 +21,7 @@ use super::timer::Pass;
 use super::unit::Unit;
 use super::upload::{self, Materials, UploadError};
 use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
-use crate::occlusion::pieces::{Piece, pieces};
+use crate::occlusion::pieces::pieces;
 
 /// Most leaves of a view that are drawn with occlusion culling: their boxes fit any GPU's buffers and dispatches. More are drawn without.
 const MAX_CULLED: usize = 1 << 21;
@@ -44,9 +46,9 @@ pub struct Renderer {
     /// Resident geometry, by `ChunkId`.
     geometry: Vec<Option<Slot>>,
     /// The indices of that geometry, where parts of leaves are drawn.
-    indices: Option<Vec<Box<[u16]>>>,
+    indices: ByChunk<u16>,
     /// Boxes around its pieces, where leaves are tested piece by piece.
-    pub(super) pieces: Option<Vec<Box<[Piece]>>>,
+    pub(super) pieces: ByChunk<Aabb>,
     pub(super) cuts: Cuts,
     /// What boxes are drawn with.
     cube: Slot,
@@ -88,8 +90,8 @@ impl Renderer {
             arena,
             cube,
             geometry: vec![None; manifest.chunks.len()],
-            indices: None,
-            pieces: None,
+            indices: ByChunk::default(),
+            pieces: ByChunk::default(),
             cuts,
             materials,
             pipelines,
@@ -116,12 +118,8 @@ impl Renderer {
         self.mirrored.extend(added.iter().map(Transform::is_mirrored));
         self.recorded.resize(manifest.transforms.len(), (0, 0));
         self.geometry.resize(manifest.chunks.len(), None);
-        if let Some(indices) = &mut self.indices {
-            indices.resize(manifest.chunks.len(), Box::default());
-        }
-        if let Some(pieces) = &mut self.pieces {
-            pieces.resize(manifest.chunks.len(), Box::default());
-        }
+        self.indices.grow(manifest.chunks.len());
+        self.pieces.grow(manifest.chunks.len());
         self.materials.grow(&self.gpu, &manifest);
         self.manifest = manifest;
         self.gpu.check()
@@ -143,12 +141,8 @@ impl Renderer {
                 }
                 let (slot, geometry) = upload::geometry(&self.gpu, &mut self.arena, bytes)?;
                 *place = Some(slot);
-                if let Some(kept) = &mut self.pieces {
-                    kept[chunk.0 as usize] = pieces(&geometry.positions, &geometry.indices);
-                }
-                if let Some(kept) = &mut self.indices {
-                    kept[chunk.0 as usize] = geometry.indices.into();
-                }
+                self.pieces.put(chunk, || pieces(&geometry.positions, &geometry.indices));
+                self.indices.put(chunk, || geometry.indices.into());
                 Ok(slot.bytes())
             }
             None => Err(UploadError::Unknown(chunk.0)),
@@ -158,13 +152,13 @@ impl Renderer {
     /// From now on plans may draw parts of leaves: the indices of chunks that come are kept, 6 bytes a triangle. Chunks that are here
     /// already are drawn whole.
     pub fn keep_indices(&mut self) {
-        self.indices.get_or_insert_with(|| vec![Box::default(); self.geometry.len()]);
+        self.indices.keep(self.geometry.len());
     }
 
-    /// From now on plans may test leaves piece by piece: for chunks that come, boxes around their pieces are kept, up to 768 bytes a chunk. Leaves of
+    /// From now on plans may test leaves piece by piece: for chunks that come, boxes around their pieces are kept, up to 1536 bytes a chunk. Leaves of
     /// chunks that are here already are tested by one box.
     pub fn keep_pieces(&mut self) {
-        self.pieces.get_or_insert_with(|| vec![Box::default(); self.geometry.len()]);
+        self.pieces.keep(self.geometry.len());
     }
 
     /// Whether plans may test what is hidden. Where it cannot, those that begin with what was seen draw all, and those in rounds are
@@ -189,12 +183,8 @@ impl Renderer {
         match self.geometry.get_mut(chunk.0 as usize).and_then(Option::take) {
             Some(slot) => {
                 self.arena.remove(slot);
-                if let Some(indices) = &mut self.indices {
-                    indices[chunk.0 as usize] = Box::default();
-                }
-                if let Some(pieces) = &mut self.pieces {
-                    pieces[chunk.0 as usize] = Box::default();
-                }
+                self.indices.forget(chunk);
+                self.pieces.forget(chunk);
             }
             None => self.materials.remove(&self.gpu, chunk),
         }
@@ -348,7 +338,7 @@ impl Renderer {
             let sides = Sides::of(material.double_sided, self.mirrored[record.object.0 as usize]);
             let pipeline = PipelineKey::new(material.coverage, material.surface(), sides).in_turn(turn);
             let part = if pass.parts.is_empty() { None } else { pass.parts.of(leaf) };
-            let kept = self.indices.as_ref().map(|indices| &indices[record.chunk.0 as usize][..]).filter(|kept| !kept.is_empty());
+            let kept = Some(self.indices.of(record.chunk)).filter(|kept| !kept.is_empty());
             let part = part.zip(kept).map(|(triangles, indices)| self.list.part_of(indices, triangles));
             let indices = if part.is_some() { Indices::Parts } else { Indices::Page };
             let state = State { pipeline, texture: material.texture, page: slot.page, indices };

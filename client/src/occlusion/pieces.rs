@@ -1,5 +1,5 @@
-//! Boxes around the pieces of a leaf: together they hold less that is not the leaf than the box around all of it ("tighter bounding volumes might
-//! reduce this effect", section 6.1).
+//! Boxes around the pieces of a leaf: together they hold less that is not the leaf than the box around all of it, and so they are hidden where
+//! that is not (Bartz, Meißner, Hüttner 1999, section 6.1, has that tighter bounds would help).
 
 use glam::{DVec3, Vec3};
 use mullion_common::geometry::Aabb;
@@ -8,51 +8,30 @@ use mullion_common::geometry::Aabb;
 const MOST_PIECES: usize = 32;
 const LEAST_TRIANGLES: usize = 16;
 
-/// A box in the leaf's own space: least and greatest coordinates.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Piece {
-    min: Vec3,
-    max: Vec3,
-}
-
-impl Piece {
-    /// The box.
-    pub fn aabb(&self) -> Aabb {
-        Aabb { min: self.min.as_dvec3(), max: self.max.as_dvec3() }
-    }
-}
-
-/// Boxes that together hold every triangle, three indices each. Conservative: each triangle is in one of them, whole. None where the leaf is too
-/// small to be divided, or an index has no position.
-pub fn pieces(positions: &[[f32; 3]], indices: &[u16]) -> Box<[Piece]> {
-    let corners = |triangle: &[u16; 3]| triangle.map(|index| positions.get(usize::from(index)).map(|p| Vec3::from(*p)));
-    let mut triangles: Vec<Piece> = Vec::with_capacity(indices.len() / 3);
-    for triangle in indices.as_chunks::<3>().0 {
-        let [Some(a), Some(b), Some(c)] = corners(triangle) else { return Box::default() };
-        triangles.push(Piece { min: a.min(b).min(c), max: a.max(b).max(c) });
-    }
-    let count = (triangles.len() / LEAST_TRIANGLES).min(MOST_PIECES);
-    if count < 2 {
+/// Boxes in the leaf's own space that together hold every triangle, three indices each. Conservative: each triangle is in one of them, whole. None
+/// where the leaf is too small to be divided, or an index has no position.
+pub fn pieces(positions: &[[f32; 3]], indices: &[u16]) -> Box<[Aabb]> {
+    let corner = |index: &u16| positions.get(usize::from(*index)).map(|p| Vec3::from(*p).as_dvec3());
+    let count = (indices.len() / 3 / LEAST_TRIANGLES).min(MOST_PIECES);
+    let Some(corners) = indices.iter().map(corner).collect::<Option<Vec<DVec3>>>().filter(|_| count > 1) else {
         return Box::default();
-    }
+    };
+    let mut triangles: Vec<Aabb> = corners.as_chunks::<3>().0.iter().map(|triangle| Aabb::of_points(*triangle)).collect();
     let mut found = Vec::with_capacity(count);
     divide(&mut triangles, count, &mut found);
     found.into()
 }
 
 /// Halves what is there where its middles lie furthest apart, until there are so many pieces.
-fn divide(triangles: &mut [Piece], count: usize, found: &mut Vec<Piece>) {
+fn divide(triangles: &mut [Aabb], count: usize, found: &mut Vec<Aabb>) {
     if count == 1 {
-        found.extend(triangles.iter().copied().reduce(|a, b| Piece { min: a.min.min(b.min), max: a.max.max(b.max) }));
+        found.push(triangles.iter().fold(Aabb::EMPTY, |all, triangle| all.union(triangle)));
         return;
     }
-    let middle = |piece: &Piece| (piece.min + piece.max).as_dvec3();
-    let spread = Aabb::of_points(triangles.iter().map(middle)).size();
-    let axis = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().max_by(|a, b| spread.dot(*a).total_cmp(&spread.dot(*b)));
-    let along = |piece: &Piece| middle(piece).dot(axis.unwrap_or(DVec3::X));
+    let axis = Aabb::of_points(triangles.iter().map(Aabb::center)).size().max_position();
     let left = count / 2;
     let at = triangles.len() * left / count;
-    triangles.select_nth_unstable_by(at, |a, b| along(a).total_cmp(&along(b)));
+    triangles.select_nth_unstable_by(at, |a, b| a.center()[axis].total_cmp(&b.center()[axis]));
     let (near, far) = triangles.split_at_mut(at);
     divide(near, left, found);
     divide(far, count - left, found);
@@ -75,12 +54,12 @@ mod tests {
             let found = pieces(&positions, &indices);
             assert_eq!(found.len(), (usize::from(count) / LEAST_TRIANGLES).min(MOST_PIECES));
             for triangle in indices.as_chunks::<3>().0 {
-                let corners = triangle.map(|index| Vec3::from(positions[usize::from(index)]));
-                let holds = |piece: &&Piece| corners.iter().all(|p| p.cmpge(piece.min).all() && p.cmple(piece.max).all());
+                let corners = triangle.map(|index| Vec3::from(positions[usize::from(index)]).as_dvec3());
+                let holds = |piece: &&Aabb| corners.iter().all(|p| p.cmpge(piece.min).all() && p.cmple(piece.max).all());
                 assert!(found.iter().any(|piece| holds(&piece)), "{corners:?}");
             }
             let whole = Aabb::of_points(positions.iter().map(|p| Vec3::from(*p).as_dvec3())).half_area();
-            let sum: f64 = found.iter().map(|piece| piece.aabb().half_area()).sum();
+            let sum: f64 = found.iter().map(Aabb::half_area).sum();
             assert!(sum < 1.5 * whole / found.len() as f64 + 2.0 * f64::from(count), "{sum} of {whole}");
         }
     }

@@ -37,7 +37,8 @@ struct Look {
 struct Coarse {
     leaves: VisibleSet,
     turn: u32,
-    scratch: VisibleSet,
+    /// What is left of them and of those that were drawn without a pixel.
+    left: VisibleSet,
 }
 
 impl Coarse {
@@ -47,15 +48,12 @@ impl Coarse {
     /// Takes what was drawn, at once and late, and of what there was a pixel.
     fn note(&mut self, first: Option<&VisibleSet>, late: &VisibleSet, seen: &VisibleSet) {
         self.turn = (self.turn + 1) % Self::PERIOD;
-        self.leaves.union_into(late, &mut self.scratch);
-        if let Some(first) = first {
-            self.scratch.union_into(first, &mut self.leaves);
-            std::mem::swap(&mut self.leaves, &mut self.scratch);
-        }
-        self.scratch.difference_into(seen, &mut self.leaves);
-        std::mem::swap(&mut self.leaves, &mut self.scratch);
+        let drawn = first.into_iter().chain([late]).flat_map(VisibleSet::ranges);
+        drawn.for_each(|range| self.leaves.push_unordered(*range));
+        self.leaves.normalize();
+        self.leaves.difference_into(seen, &mut self.left);
         self.leaves.clear();
-        let kept = self.scratch.leaves().filter(|leaf| leaf % Self::PERIOD != self.turn);
+        let kept = self.left.leaves().filter(|leaf| leaf % Self::PERIOD != self.turn);
         kept.for_each(|leaf| self.leaves.push(LeafRange::new(leaf, leaf + 1)));
     }
 }
