@@ -64,6 +64,11 @@ impl Front {
         }
     }
 
+    /// Whether a cell is in it.
+    pub fn holds(&self, cell: CellId) -> bool {
+        self.places[cell.index()] != NOWHERE
+    }
+
     /// The key of min(F).
     pub fn least(&self) -> Option<f32> {
         self.heap.first().map(|entry| entry.key())

@@ -17,6 +17,8 @@
 //! - Of all ways to a cell the least solid counts, so that it matters not which neighbour was projected last: Dijkstra's order.
 //! - The way ends in the middle of B, with half of its own triangles. Otherwise all cells behind empty ones were equal, and they alone may be
 //!   more than a budget.
+//! - A cell of which the frustum holds a part is projected in its turn, and its triangles are drawn later, the smaller the part: cells have
+//!   corners in common, and many come into the frustum at once.
 //! - ρ_max would divide all alike, and no order hangs on it.
 //!
 //! Counts and the geometry of cells are all that it uses.
@@ -30,6 +32,9 @@ use super::Frame;
 use super::drawn::Drawn;
 use super::leaves::Leaves;
 use super::traversal::{CellMark, Cells};
+
+/// How long a cell's triangles wait that is in sight by a half, as a share of the penalty.
+const WAITS_AT_EDGE: f32 = 0.05;
 
 /// How solid the way to the middle of each cell is that was reached, in halves of a triangle: whole numbers, so that ways that are
 /// alike are equal.
@@ -54,8 +59,9 @@ impl Paper {
         self.come(cells, tessellation, cell, &from_eye, 0.0);
     }
 
-    /// Projects a cell: its neighbours that were not projected are enqueued, or moved to their new solidity.
-    pub fn open(&mut self, cells: &mut Cells, tessellation: &Tessellation, a: CellId) {
+    /// Projects a cell: its neighbours that were not projected are enqueued, or moved to their new solidity. Whether its triangles are to be
+    /// drawn at once; else they wait in the front.
+    pub fn open(&mut self, cells: &mut Cells, tessellation: &Tessellation, a: CellId) -> bool {
         cells.set(a, CellMark::Projected);
         let from_eye = cells.sight.corners_from_eye(tessellation, a);
         let cell = tessellation.cell(a);
@@ -69,6 +75,12 @@ impl Paper {
             let penalty = if is_star_shaped(&from_eye, k, &beyond) { 0.0 } else { self.penalty };
             self.come(cells, tessellation, b, &beyond, through + penalty);
         }
+        let root = cells.root_in_sight(tessellation, a);
+        let is_at_edge = root < 1.0 && cell.triangle_count > 0;
+        if is_at_edge {
+            cells.front.enqueue(a, self.ways[a.index()] + WAITS_AT_EDGE * self.penalty * (1.0 / (root * root) - 1.0));
+        }
+        !is_at_edge
     }
 
     /// update_solidity: there is a way to a cell that is as solid as that up to the cell.

@@ -9,6 +9,9 @@ use super::{Shown, Sight};
 /// What rounding in `f32` may cost, as a share of a corner's distance: a cell that is outside by less is inside.
 const SLACK: f32 = 1e-4;
 
+/// Less of a cell on a plane's inner side counts as much.
+const LEAST_SHARE: f32 = 1e-6;
+
 /// A sight in the tessellation's space, in `f32`.
 #[derive(Debug, Default)]
 pub(super) struct CellSight {
@@ -32,8 +35,27 @@ impl CellSight {
     /// Whether a cell, by its corners from the eye, may be seen. Conservative: near an edge of the frustum it may be outside.
     #[inline]
     pub fn may_see(&self, from_eye: &[Vec3; 4]) -> bool {
-        let slacks = from_eye.map(|corner| -SLACK * (corner.x.abs() + corner.y.abs() + corner.z.abs()));
-        self.planes.iter().all(|(normal, eye_m)| (0..4).any(|k| normal.dot(from_eye[k]) + eye_m >= slacks[k]))
+        self.share_in_sight(from_eye) > 0.0
+    }
+
+    /// What share of a cell's volume the frustum holds, by its corners from the eye: as if its planes knew nothing of each other. 0 where it
+    /// holds none, surely; else above 0, and 1 where it holds all.
+    #[inline]
+    pub fn share_in_sight(&self, from_eye: &[Vec3; 4]) -> f32 {
+        let [p, q, r, s] = *from_eye;
+        let (x, y, z) = (Vec4::new(p.x, q.x, r.x, s.x), Vec4::new(p.y, q.y, r.y, s.y), Vec4::new(p.z, q.z, r.z, s.z));
+        let slack = SLACK * (x.abs() + y.abs() + z.abs());
+        let mut share = 1.0;
+        for (normal, eye_m) in &self.planes {
+            let heights = x * normal.x + y * normal.y + z * normal.z + *eye_m + slack;
+            if heights.max_element() < 0.0 {
+                return 0.0;
+            }
+            if heights.min_element() < 0.0 {
+                share *= share_above(heights.to_array()).max(LEAST_SHARE);
+            }
+        }
+        share
     }
 
     /// The cell that the eye is in, by a walk from the first one: the same whatever was seen before. `None` outside the hull.
@@ -62,6 +84,25 @@ impl CellSight {
     #[inline]
     pub fn corners_from_eye(&self, tessellation: &Tessellation, cell: CellId) -> [Vec3; 4] {
         tessellation.corners(cell).map(|corner| corner - self.eye)
+    }
+}
+
+/// What share of a tetrahedron lies above 0, by the heights of its corners, of which one at least is below and one is not.
+fn share_above(mut heights: [f32; 4]) -> f32 {
+    heights.sort_unstable_by(|a, b| b.total_cmp(a));
+    let [a, b, c, d] = heights;
+    // What share of the edge from the first to the second is on the first's side of 0.
+    let cut = |from: f32, to: f32| from / (from - to);
+    if a <= 0.0 {
+        0.0
+    } else if b <= 0.0 {
+        cut(a, b) * cut(a, c) * cut(a, d)
+    } else if c >= 0.0 {
+        1.0 - cut(d, a) * cut(d, b) * cut(d, c)
+    } else {
+        // Three tetrahedra between the edge above and the four cuts.
+        let (ac, ad, bc, bd) = (cut(a, c), cut(a, d), cut(b, c), cut(b, d));
+        bc * bd + ac * ad * (1.0 - bd) + ac * (1.0 - bc) * bd
     }
 }
 
@@ -141,6 +182,27 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        /// Goal: the share of a cut tetrahedron. Method: its points on a grid, counted; and what is above and below is all.
+        #[test]
+        fn shares_are_those_of_points(heights in proptest::array::uniform4(-3.0..2.0f32)) {
+            prop_assume!(heights.iter().any(|h| *h < 0.0) && heights.iter().any(|h| *h >= 0.0));
+            const STEPS: usize = 24;
+            let (mut above, mut all) = (0usize, 0usize);
+            for i in 0..STEPS {
+                for j in 0..STEPS - i {
+                    for k in 0..STEPS - i - j {
+                        let shares = [i, j, k, STEPS - 1 - i - j - k].map(|share| (share as f32 + 0.25) / STEPS as f32);
+                        let height: f32 = shares.iter().zip(heights).map(|(share, height)| share * height).sum();
+                        (above, all) = (above + usize::from(height >= 0.0), all + 1);
+                    }
+                }
+            }
+            let (found, counted) = (share_above(heights), above as f32 / all as f32);
+            prop_assert!((found - counted).abs() < 0.06, "{found}, of points {counted}");
+            let below = share_above(heights.map(|height| -height));
+            prop_assert!((found + below - 1.0).abs() < 1e-4, "{found} above and {below} below");
+        }
+
         /// Goal: four lanes do what one face after another does, to the bit. Method: the plain formula.
         #[test]
         fn solid_angles_are_those_of_each_face(corners in proptest::array::uniform4([-9.0..9.0f32, -5.0..5.0, -2.0..2.0])) {

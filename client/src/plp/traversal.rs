@@ -44,9 +44,17 @@ pub struct Traversal {
 pub(super) struct Cells {
     pub front: Front,
     pub sight: CellSight,
-    /// Three bits of meaning and the frame's number: what is older than the frame means nothing.
-    marks: Vec<u32>,
+    known: Vec<Known>,
     frame: u32,
+}
+
+/// What is known of a cell.
+#[derive(Clone, Copy, Debug, Default)]
+struct Known {
+    /// Three bits of meaning and the frame's number: what is older than the frame means nothing.
+    mark: u32,
+    /// The root of the share of it that the frustum holds.
+    in_sight: f32,
 }
 
 const KNOWN_BITS: u32 = 3;
@@ -71,9 +79,9 @@ impl Cells {
         let cells = tessellation.cells().len();
         self.front.clear(cells);
         self.frame += 1;
-        if self.marks.len() != cells || self.frame >> (u32::BITS - KNOWN_BITS) != 0 {
-            self.marks.clear();
-            self.marks.resize(cells, 0);
+        if self.known.len() != cells || self.frame >> (u32::BITS - KNOWN_BITS) != 0 {
+            self.known.clear();
+            self.known.resize(cells, Known::default());
             self.frame = 1;
         }
         self.sight.set(sight, tessellation);
@@ -81,7 +89,7 @@ impl Cells {
 
     #[inline]
     pub fn mark(&self, cell: CellId) -> CellMark {
-        let mark = self.marks[cell.index()];
+        let mark = self.known[cell.index()].mark;
         match (mark >> KNOWN_BITS == self.frame, mark & ((1 << KNOWN_BITS) - 1)) {
             (false, _) => CellMark::New,
             (true, 1) => CellMark::Outside,
@@ -93,20 +101,30 @@ impl Cells {
 
     #[inline]
     pub fn set(&mut self, cell: CellId, mark: CellMark) {
-        self.marks[cell.index()] = self.frame << KNOWN_BITS | mark as u32;
+        self.known[cell.index()].mark = self.frame << KNOWN_BITS | mark as u32;
     }
 
-    /// Whether a cell is in the frustum, asked once a frame.
+    /// Whether a cell is in the frustum.
     #[inline]
     pub fn is_in_sight(&mut self, tessellation: &Tessellation, cell: CellId) -> bool {
-        match self.mark(cell) {
-            CellMark::New => {
-                let in_sight = self.sight.may_see(&self.sight.corners_from_eye(tessellation, cell));
-                self.set(cell, if in_sight { CellMark::InSight } else { CellMark::Outside });
-                in_sight
-            }
-            mark => mark != CellMark::Outside,
-        }
+        self.root_in_sight(tessellation, cell) > 0.0
+    }
+
+    /// The root of the share of a cell that the frustum holds, 0 to 1, reckoned once a frame; all of the eye's own cell.
+    ///
+    /// What comes into the frustum counts for little at first: else all triangles around a corner would come and go at once.
+    #[inline]
+    pub fn root_in_sight(&mut self, tessellation: &Tessellation, cell: CellId) -> f32 {
+        let known = self.known[cell.index()];
+        if known.mark >> KNOWN_BITS == self.frame { known.in_sight } else { self.look(tessellation, cell) }
+    }
+
+    fn look(&mut self, tessellation: &Tessellation, cell: CellId) -> f32 {
+        let share = self.sight.share_in_sight(&self.sight.corners_from_eye(tessellation, cell));
+        let mark = if share > 0.0 { CellMark::InSight } else { CellMark::Outside };
+        let in_sight = share.sqrt();
+        self.known[cell.index()] = Known { mark: self.frame << KNOWN_BITS | mark as u32, in_sight };
+        in_sight
     }
 }
 
@@ -141,7 +159,10 @@ impl Traversal {
             return;
         }
         match self.cells.sight.eye_cell(tessellation) {
-            Some(cell) => self.seed(tessellation, cell),
+            Some(cell) => {
+                self.cells.known[cell.index()].in_sight = 1.0;
+                self.seed(tessellation, cell);
+            }
             None => self.seed_entries(tessellation),
         }
     }
@@ -209,15 +230,12 @@ impl Traversal {
             self.done.cells += 1;
         }
         match self.solidity {
-            Solidity::Paper => {
-                self.paper.open(&mut self.cells, frame.tessellation, cell);
-                true
-            }
-            Solidity::Likelihood if is_first => {
+            _ if !is_first => true,
+            Solidity::Paper => self.paper.open(&mut self.cells, frame.tessellation, cell),
+            Solidity::Likelihood => {
                 self.likelihood.open(&mut self.cells, frame.tessellation, cell);
                 false
             }
-            Solidity::Likelihood => true,
         }
     }
 
@@ -235,7 +253,11 @@ impl Traversal {
 
     /// Whether all triangles of a cell that was projected are drawn.
     pub(super) fn is_whole(&self, cell: CellId) -> bool {
-        self.unfinished != Some(cell) && (self.solidity == Solidity::Paper || self.likelihood.is_whole(cell))
+        let is_whole = match self.solidity {
+            Solidity::Paper => !self.cells.front.holds(cell),
+            Solidity::Likelihood => self.likelihood.is_whole(cell),
+        };
+        is_whole && self.unfinished != Some(cell)
     }
 
     pub(super) fn left_out(&self) -> &[bool] {
@@ -252,7 +274,7 @@ impl Traversal {
         &self.order
     }
 
-    /// plp_front: the cells that would be next, in no order; by likelihood also those of whose triangles some are left.
+    /// plp_front: the cells that would be next, in no order; also those that were projected and of whose triangles some are left.
     pub fn front(&self) -> impl Iterator<Item = CellId> + '_ {
         self.cells.front.cells()
     }
