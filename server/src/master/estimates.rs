@@ -69,7 +69,7 @@ struct Begun {
 enum Way {
     Given(u32),
     /// Of so many microseconds.
-    Timed(u32, Throughput),
+    Timed(u32, Box<Throughput>),
 }
 
 /// Decides what is spent.
@@ -96,7 +96,7 @@ impl Estimates {
         let EstimateOptions { budget, scene_triangles, completes } = options;
         let way = match budget {
             WallBudget::Triangles(triangles) => Way::Given(triangles),
-            WallBudget::TimeUs(time_us) => Way::Timed(time_us, Throughput::new(time_us, scene_triangles)),
+            WallBudget::TimeUs(time_us) => Way::Timed(time_us, Box::new(Throughput::new(time_us, scene_triangles))),
         };
         Self {
             way,
@@ -119,7 +119,7 @@ impl Estimates {
             (Way::Timed(time_us, throughput), WallBudget::TimeUs(of_now)) if *time_us == of_now => {
                 throughput.set_most(scene_triangles);
             }
-            (way, WallBudget::TimeUs(time_us)) => *way = Way::Timed(time_us, Throughput::new(time_us, scene_triangles)),
+            (way, WallBudget::TimeUs(time_us)) => *way = Way::Timed(time_us, Box::new(Throughput::new(time_us, scene_triangles))),
             (way, WallBudget::Triangles(triangles)) => *way = Way::Given(triangles),
         }
     }
