@@ -121,7 +121,7 @@ impl Completion {
                 continue;
             }
             self.marks[id.index()] = Mark::Known;
-            if !self.sight.may_see(&self.sight.corners_from_eye(tessellation, id)) {
+            if self.sight.share_in_sight(tessellation, id) == 0.0 {
                 continue;
             }
             let cell = tessellation.cell(id);

@@ -18,7 +18,7 @@ use mullion_common::scene::{CellId, Exposure, ExposureWeights, Tessellation};
 use super::Frame;
 use super::drawn::Drawn;
 use super::leaves::Leaves;
-use super::sight::{CellSight, face, solid_angles};
+use super::sight::{CellSight, face};
 use super::traversal::{CellMark, Cells};
 
 /// Classes of likelihood, where all light comes through: 1 to a half, a half to a quarter, and so on.
@@ -82,7 +82,7 @@ impl Likelihood {
     /// All light comes to a cell.
     pub fn seed(&mut self, cells: &mut Cells, tessellation: &Tessellation, cell: CellId) {
         cells.set(cell, CellMark::Reached);
-        let angles = solid_angles(&cells.sight.corners_from_eye(tessellation, cell));
+        let angles = cells.sight.solid_angles(tessellation, cell);
         self.cells[cell.index()] = Lit { angles, all: 1.0, came: 1.0, brightest: 1.0, ..Lit::default() };
         cells.front.enqueue(cell, -1.0);
     }
@@ -170,7 +170,7 @@ impl Likelihood {
     fn shine(&mut self, cells: &mut Cells, tessellation: &Tessellation, cell: CellId, angle: f32, light: f32) {
         if cells.mark(cell) != CellMark::Reached {
             cells.set(cell, CellMark::Reached);
-            let angles = solid_angles(&cells.sight.corners_from_eye(tessellation, cell));
+            let angles = cells.sight.solid_angles(tessellation, cell);
             let neighbours = tessellation.cell(cell).neighbours;
             let mut all = f32::MIN_POSITIVE;
             for (before, angle) in neighbours.into_iter().zip(angles) {

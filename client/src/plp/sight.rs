@@ -32,18 +32,11 @@ impl CellSight {
         self.pixels_per_radian = sight.pixels_per_radian;
     }
 
-    /// Whether a cell, by its corners from the eye, may be seen. Conservative: near an edge of the frustum it may be outside.
+    /// What share of a cell's volume the frustum holds: as if its planes knew nothing of each other. 0 where it holds none, surely; else above
+    /// 0, and 1 where it holds all.
     #[inline]
-    pub fn may_see(&self, from_eye: &[Vec3; 4]) -> bool {
-        self.share_in_sight(from_eye) > 0.0
-    }
-
-    /// What share of a cell's volume the frustum holds, by its corners from the eye: as if its planes knew nothing of each other. 0 where it
-    /// holds none, surely; else above 0, and 1 where it holds all.
-    #[inline]
-    pub fn share_in_sight(&self, from_eye: &[Vec3; 4]) -> f32 {
-        let [p, q, r, s] = *from_eye;
-        let (x, y, z) = (Vec4::new(p.x, q.x, r.x, s.x), Vec4::new(p.y, q.y, r.y, s.y), Vec4::new(p.z, q.z, r.z, s.z));
+    pub fn share_in_sight(&self, tessellation: &Tessellation, cell: CellId) -> f32 {
+        let Corners { x, y, z } = self.lanes_from_eye(tessellation, cell);
         let slack = SLACK * (x.abs() + y.abs() + z.abs());
         let mut share = 1.0;
         for (normal, eye_m) in &self.planes {
@@ -85,6 +78,34 @@ impl CellSight {
     pub fn corners_from_eye(&self, tessellation: &Tessellation, cell: CellId) -> [Vec3; 4] {
         tessellation.corners(cell).map(|corner| corner - self.eye)
     }
+
+    /// The same, a corner a lane.
+    #[inline]
+    fn lanes_from_eye(&self, tessellation: &Tessellation, cell: CellId) -> Corners {
+        let Corners { x, y, z } = Corners::from(tessellation.corners(cell));
+        Corners { x: x - self.eye.x, y: y - self.eye.y, z: z - self.eye.z }
+    }
+
+    /// About the solid angle of each of a cell's faces: above 0 where the way out of the cell leads away from the eye.
+    #[inline]
+    pub fn solid_angles(&self, tessellation: &Tessellation, cell: CellId) -> [f32; 4] {
+        solid_angles(self.lanes_from_eye(tessellation, cell))
+    }
+}
+
+/// A cell's corners, one a lane. Straight from where they are: a lane that is put together in memory waits for its parts.
+#[derive(Clone, Copy, Debug)]
+struct Corners {
+    x: Vec4,
+    y: Vec4,
+    z: Vec4,
+}
+
+impl From<[Vec3; 4]> for Corners {
+    #[inline]
+    fn from([p, q, r, s]: [Vec3; 4]) -> Self {
+        Self { x: Vec4::new(p.x, q.x, r.x, s.x), y: Vec4::new(p.y, q.y, r.y, s.y), z: Vec4::new(p.z, q.z, r.z, s.z) }
+    }
 }
 
 /// What share of a tetrahedron lies above 0, by the heights of its corners, of which one at least is below and one is not.
@@ -120,13 +141,10 @@ pub(super) fn is_before(corners: &[Vec3; 4], k: usize) -> bool {
     normal.dot(a) < 0.0
 }
 
-/// About the solid angle of each face for the eye, at the origin: above 0 where the way out of the cell leads away from the eye. A face a lane.
+/// The solid angles of faces for the eye, at the origin. A face a lane.
 #[inline]
-pub(super) fn solid_angles(corners: &[Vec3; 4]) -> [f32; 4] {
+fn solid_angles(Corners { x, y, z }: Corners) -> [f32; 4] {
     const _: () = assert!(matches!(FACES, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]));
-    let [p, q, r, s] = *corners;
-    let (x, y, z) = (Vec4::new(p.x, q.x, r.x, s.x), Vec4::new(p.y, q.y, r.y, s.y), Vec4::new(p.z, q.z, r.z, s.z));
-    // By swizzles: a lane that is put together in memory waits for its parts.
     let [ax, ay, az] = [x.yxxx(), y.yxxx(), z.yxxx()];
     let [bx, by, bz] = [x.zwyz(), y.zwyz(), z.zwyz()];
     let [cx, cy, cz] = [x.wzwy(), y.wzwy(), z.wzwy()];
@@ -207,7 +225,7 @@ mod tests {
         #[test]
         fn solid_angles_are_those_of_each_face(corners in proptest::array::uniform4([-9.0..9.0f32, -5.0..5.0, -2.0..2.0])) {
             let corners = corners.map(Vec3::from);
-            for (k, found) in solid_angles(&corners).into_iter().enumerate() {
+            for (k, found) in solid_angles(corners.into()).into_iter().enumerate() {
                 let (normal, [a, b, c]) = face(&corners, k);
                 let middle = a + b + c;
                 let square = middle.length_squared().max(f32::MIN_POSITIVE);

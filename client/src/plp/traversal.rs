@@ -119,8 +119,9 @@ impl Cells {
         if known.mark >> KNOWN_BITS == self.frame { known.in_sight } else { self.look(tessellation, cell) }
     }
 
+    #[inline(never)] // or what is known already would take a call, too
     fn look(&mut self, tessellation: &Tessellation, cell: CellId) -> f32 {
-        let share = self.sight.share_in_sight(&self.sight.corners_from_eye(tessellation, cell));
+        let share = self.sight.share_in_sight(tessellation, cell);
         let mark = if share > 0.0 { CellMark::InSight } else { CellMark::Outside };
         let in_sight = share.sqrt();
         self.known[cell.index()] = Known { mark: self.frame << KNOWN_BITS | mark as u32, in_sight };
