@@ -265,6 +265,32 @@ fn what_was_found_before_changes_nothing() {
     assert_eq!(occluder.drawn, 120, "two occluders in each of forty refinements, and what was found");
 }
 
+/// A frame that renews its occluder finds what it would find if it kept it; and what comes after asks the new one.
+#[test]
+fn an_occluder_is_renewed_from_what_was_found_with_it() {
+    let hierarchy = vertices(&meshes::torus(60, 40));
+    let objects = [seen_from_all_sides(&hierarchy)];
+    let options = LodOptions { budget: 1500, occluders: SOON, ..LodOptions::default() };
+    let [kept, renewed] = [OccluderFrom::EarlierFrame, OccluderFrom::EarlierFrameRenewed].map(|second| {
+        let mut occluder = told(|_, step| if step.0 % 5 == 0 { Hidden::Split } else { Hidden::Nothing });
+        let mut refinement = Refinement::new();
+        let mut frame = |distance_m, from| {
+            let sight = looking(DVec3::new(5.0, 3.0, distance_m));
+            refinement.refine(&objects, &sight, &options, Some((&mut occluder, from)));
+            let (hierarchy, cut) = vertex_cut(&objects[0], &refinement.cuts()[0]);
+            (sorted(cut, hierarchy), refinement.question_count())
+        };
+        frame(9.0, OccluderFrom::ThisFrame);
+        let found = frame(8.9, second);
+        let (after, questions) = frame(8.9, OccluderFrom::EarlierFrame);
+        assert_eq!(after, found.0, "the answers are the same ones");
+        (found, questions, occluder.drawn)
+    });
+    assert_eq!(kept.0, renewed.0);
+    assert_eq!((kept.1, kept.2), (0, 3));
+    assert!(renewed.1 > 0 && renewed.2 == 4, "{} questions, drawn {} times", renewed.1, renewed.2);
+}
+
 #[test]
 fn a_budget_is_used_and_never_exceeded() {
     let [a, b] = [meshes::torus(60, 40), meshes::hills(50, 40)].map(|mesh| vertices(&mesh));

@@ -1,12 +1,12 @@
-//! When the occluder is drawn anew, kept, or not asked at all: by a frame's number, so that nodes of a wall agree. One that comes late, or missed
-//! the frame in which the others drew theirs, agrees from the next turn on.
+//! When the occluder is drawn anew, renewed, kept, or not asked at all: by a frame's number, so that nodes of a wall agree. One that comes late, or
+//! missed the frame in which the others drew or renewed theirs, agrees from the next turn on: with the frame that draws it from nothing.
 
 use super::{OccluderFrom, Refinement};
 
-/// An occluder that hides something is drawn anew every so many frames.
+/// An occluder is drawn anew every so many frames: whether it would hide something, too, is found out then.
+const TURN_FRAMES: u64 = 64;
+/// One that hides something is renewed every so many frames, for a fifth of what a turn costs.
 const KEPT_FRAMES: u64 = 16;
-/// Whether one would hide something is found out every so many frames.
-const ASKED_AGAIN: u64 = 64;
 /// Of what it is asked it must hide such a share to be kept. Below it improves what is seen by less than 5 % (`mullion bench lod`).
 const LEAST_HIDDEN: f32 = 0.06;
 
@@ -14,23 +14,23 @@ const LEAST_HIDDEN: f32 = 0.06;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct OccluderCourse {
     is_worth: bool,
-    /// The frame that drew it last.
+    /// The frame that drew or renewed it last.
     drawn: Option<u64>,
 }
 
 impl OccluderCourse {
     /// Where a frame's occluder comes from; `None`: nothing is taken to be hidden in it.
     pub fn at(&self, frame: u64) -> Option<OccluderFrom> {
-        let period = if self.is_worth { KEPT_FRAMES } else { ASKED_AGAIN };
-        let is_turn = self.drawn.is_none_or(|drawn| drawn / period != frame / period);
-        match (is_turn, self.is_worth) {
-            (true, _) => Some(OccluderFrom::ThisFrame),
-            (false, true) => Some(OccluderFrom::EarlierFrame),
-            (false, false) => None,
+        let is_past = |period: u64| self.drawn.is_none_or(|drawn| drawn / period != frame / period);
+        match self.is_worth {
+            _ if is_past(TURN_FRAMES) => Some(OccluderFrom::ThisFrame),
+            true if is_past(KEPT_FRAMES) => Some(OccluderFrom::EarlierFrameRenewed),
+            true => Some(OccluderFrom::EarlierFrame),
+            false => None,
         }
     }
 
-    /// Learns from a frame that drew its occluder.
+    /// Learns from a frame that drew its occluder, or renewed it.
     pub fn note(&mut self, frame: u64, found: &Refinement) {
         self.drawn = Some(frame);
         self.is_worth = found.hidden_share() >= LEAST_HIDDEN;
@@ -48,7 +48,9 @@ mod tests {
         assert_eq!([66, 80, 127].map(|frame| course(false).at(frame)), [None; 3]);
         assert_eq!([128, 129, 193].map(|frame| course(false).at(frame)), [Some(OccluderFrom::ThisFrame); 3]);
         assert_eq!([66, 79].map(|frame| course(true).at(frame)), [Some(OccluderFrom::EarlierFrame); 2]);
-        assert_eq!([80, 81, 97].map(|frame| course(true).at(frame)), [Some(OccluderFrom::ThisFrame); 3], "one may be missed");
+        let renewed = [80, 81, 97].map(|frame| course(true).at(frame));
+        assert_eq!(renewed, [Some(OccluderFrom::EarlierFrameRenewed); 3], "one may be missed");
+        assert_eq!([128, 130, 192].map(|frame| course(true).at(frame)), [Some(OccluderFrom::ThisFrame); 3]);
         let mut learning = course(true);
         learning.note(96, &Refinement::new());
         assert_eq!(learning.at(112), None, "nothing was hidden");

@@ -1,4 +1,4 @@
-//! An occluder over frames: drawn anew at its turns, kept between them, and what objects weigh by it.
+//! An occluder over frames: drawn anew at its turns, renewed and kept between them, and what objects weigh by it.
 
 use mullion_common::scene::Presence;
 use mullion_common::wall::Projection;
@@ -20,7 +20,7 @@ pub struct KeptOccluder {
     /// By object, as the last turn found them, and by what.
     weights: Vec<f32>,
     weighed_by: DetailWeight,
-    /// By object: whether it was drawn at the last turn.
+    /// By object: whether it was drawn into the occluder.
     is_inside: Vec<bool>,
 }
 
@@ -43,10 +43,11 @@ impl KeptOccluder {
         self.is_inside.clear();
     }
 
-    /// Refines a frame that is seen by a projection. Whether it drew the occluder.
+    /// Refines a frame that is seen by a projection. Whether it drew the occluder anew, and what it found depends on no frame before it.
     ///
-    /// An occluder in which something is that has gone away since is drawn anew at once. Weights are found anew at once, too, and where the view
-    /// looks another way, whether the occluder hides enough to be drawn or not.
+    /// An occluder in which something is that has gone away since is drawn anew at once. Where objects are weighed it is drawn anew where it would
+    /// be renewed; weights are found anew at once, too, and where the view looks another way, whether the occluder hides enough to be drawn or
+    /// not.
     ///
     /// By [`DetailWeight::None`] objects keep the weights that they come with. By [`DetailWeight::Nohc`] they get others, which a frame that
     /// draws the occluder finds after having refined as they came; then it refines once more. So what such a frame finds depends on no
@@ -68,11 +69,13 @@ impl KeptOccluder {
         let weighs = by_boxes || by_estimate.is_some();
         let holds = occluder.look(projection) && !is_outdated && (!weighs || *weighed_by == weight);
         let from = match course.at(frame) {
+            Some(OccluderFrom::EarlierFrameRenewed) if weighs => Some(OccluderFrom::ThisFrame),
             from if holds => from,
             None if !weighs => None,
             _ => Some(OccluderFrom::ThisFrame),
         };
         let is_drawn = from == Some(OccluderFrom::ThisFrame);
+        let is_renewed = is_drawn || from == Some(OccluderFrom::EarlierFrameRenewed);
         if let Some(tessellated) = by_estimate.filter(|_| is_drawn) {
             weights.clear();
             weights.extend(weigher.weigh(tessellated, sight, objects).map(weight_of));
@@ -83,6 +86,8 @@ impl KeptOccluder {
         refinement.refine(objects, sight, options, from.map(|from| (&mut *occluder as &mut dyn Occluder, from)));
         if is_drawn {
             *weighed_by = weight;
+        }
+        if is_renewed {
             course.note(frame, refinement);
             is_inside.clear();
             is_inside.extend(objects.iter().map(|object| object.is_solid && object.presence == Presence::There));

@@ -71,6 +71,14 @@ pub enum OccluderFrom {
     ThisFrameAlone,
     /// It is as an earlier frame drew it, which saw about the same: what is asked costs little, and it is asked from the first.
     EarlierFrame,
+    /// The same, and at last it is drawn from what was found.
+    EarlierFrameRenewed,
+}
+
+impl OccluderFrom {
+    fn is_earlier(self) -> bool {
+        matches!(self, Self::EarlierFrame | Self::EarlierFrameRenewed)
+    }
 }
 
 /// What is behind an occluder.
@@ -217,7 +225,7 @@ impl Refinement {
         mut occluder: Option<(&mut (dyn Occluder + '_), OccluderFrom)>,
     ) {
         self.begin(objects, sight, options);
-        let keeps = occluder.as_ref().is_some_and(|(_, from)| *from == OccluderFrom::EarlierFrame);
+        let keeps = occluder.as_ref().is_some_and(|(_, from)| from.is_earlier());
         let mut drawn = if keeps { MAX_OCCLUDERS } else { 0 };
         let mut misfits = 0;
         loop {
@@ -284,7 +292,7 @@ impl Refinement {
         }
         let cuts = self.cuts.iter_mut().zip(&self.chosen).zip(objects);
         cuts.for_each(|((cut, chosen), object)| chosen.follow(object.hierarchy, cut));
-        if let Some((occluder, OccluderFrom::ThisFrame)) = occluder {
+        if let Some((occluder, OccluderFrom::ThisFrame | OccluderFrom::EarlierFrameRenewed)) = occluder {
             occluder.draw(objects, &self.cuts);
             self.next_picture();
         }
