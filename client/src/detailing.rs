@@ -2,7 +2,7 @@
 //!
 //! All nodes refine for all of the wall, from the shared eye and into the primary frustum, and what they find is a function of these and of an
 //! occluder that all draw in the same frames: so an object across a seam has the same vertices on both sides. Nodes differ where blobs are
-//! still to come, or have no room, and until the next turn of the occluder where one missed the last.
+//! still to come, or have no room, and until the occluder is drawn anew where one missed the frame that drew or renewed it.
 
 use glam::{DAffine3, DVec3};
 use mullion_common::geometry::Frustum;
@@ -187,6 +187,10 @@ impl Detailing {
         let is_known = self.found.as_ref().is_some_and(|(eye, of, by)| (eye, of, by) == (&frame.shared_eye, primary, detail));
         let has_turn = self.occluder.as_ref().is_none_or(|occluder| occluder.has_turn(frame.number));
         let is_found = is_known && !self.has_changed && (self.is_final || !has_turn);
+        if let Some(occluder) = self.occluder.as_mut().filter(|_| is_known && has_turn) {
+            // The view rests: what is found now is final, and all nodes find it.
+            occluder.draw_anew();
+        }
         if !is_found {
             self.refine((renderer.transforms(), tessellated), frame, (primary, detail));
         }

@@ -81,12 +81,31 @@ fn what_goes_away_hides_nothing_from_that_frame_on() {
             assert!(drawn[0] > kept.0[0] && drawn[2] == 0, "{weight}: {drawn:?}, {kept:?} before");
             assert_eq!(never.frame(number, &there[..2]).0, drawn[..2], "{weight}: as if it had never been there");
         }
-        // Back again it has its triangles at once, and hides from the next turn on.
+        // Back again it has its triangles at once, and hides once the occluder is drawn anew or renewed.
         let (back, is_drawn) = node.frame(4, &there);
         assert!(back[2] > 0 && !is_drawn, "{weight}: {back:?}");
         let turn = (5..=64).find(|number| node.frame(*number, &there).1).expect("it has a turn");
         assert_eq!(node.frame(turn + 1, &there), kept, "{weight}");
     }
+}
+
+/// A renewed occluder has what has come since it was drawn: that hides from there on, and is outdated when it goes.
+#[test]
+fn what_has_come_hides_once_the_occluder_is_renewed() {
+    let (torus, sphere) = (vertices(&meshes::torus(60, 40)), vertices(&meshes::sphere(16)));
+    let there = [place(&torus, 1.0, -12.0), place(&torus, -5.0, -12.0), place(&sphere, 0.4, -5.0)];
+    let mut gone = there;
+    gone[2].presence = Presence::Away;
+    let mut node = Node::new(DetailWeight::None);
+    assert!(node.frame(0, &gone).1);
+    let before = node.frame(15, &there);
+    let renewed = node.frame(16, &there);
+    assert_eq!(renewed, before, "it asks what it has");
+    let (after, is_drawn) = node.frame(17, &there);
+    assert!(after[0] < before.0[0] && !is_drawn, "{after:?}, {before:?} before");
+    assert!(node.frame(20, &gone).1, "it is in the picture");
+    node.occluder.draw_anew();
+    assert!(node.frame(21, &gone).1, "whatever the frame");
 }
 
 /// One with holes was never in the picture: that stays when it goes.
@@ -105,17 +124,19 @@ fn what_hid_nothing_goes_without_a_turn() {
 #[test]
 fn coming_and_going_takes_no_memory() {
     let (torus, sphere) = (vertices(&meshes::torus(60, 40)), vertices(&meshes::sphere(16)));
-    let mut objects = [place(&torus, 1.0, -12.0), place(&sphere, 0.4, -5.0)];
-    let mut node = Node::new(DetailWeight::Nohc);
-    let projection = Projection::through_rectangle(DVec3::ZERO, CORNERS, 0.05, &DAffine3::IDENTITY);
-    let options = LodOptions { budget: BUDGET, occluders: SOON, ..LodOptions::default() };
-    let mut frame = |number: u64| {
-        objects[1].presence = if number.is_multiple_of(2) { Presence::There } else { Presence::Away };
-        let view = (&projection, number);
-        let sight = looking(DVec3::ZERO);
-        node.occluder.refine(&mut node.refinement, &mut objects, (&sight, &options), view, (DetailWeight::Nohc, None));
-    };
-    (0..70).for_each(&mut frame);
-    let counted = allocation_counter::measure(|| (70..140).for_each(&mut frame));
-    assert_eq!(counted.count_total, 0);
+    for (weight, away_every) in [(DetailWeight::Nohc, 2), (DetailWeight::None, 2), (DetailWeight::None, 40)] {
+        let mut objects = [place(&torus, 1.0, -12.0), place(&sphere, 0.4, -5.0)];
+        let mut node = Node::new(weight);
+        let projection = Projection::through_rectangle(DVec3::ZERO, CORNERS, 0.05, &DAffine3::IDENTITY);
+        let options = LodOptions { budget: BUDGET, occluders: SOON, ..LodOptions::default() };
+        let mut frame = |number: u64| {
+            objects[1].presence = if number % away_every != 1 { Presence::There } else { Presence::Away };
+            let view = (&projection, number);
+            let sight = looking(DVec3::ZERO);
+            node.occluder.refine(&mut node.refinement, &mut objects, (&sight, &options), view, (weight, None));
+        };
+        (0..140).for_each(&mut frame);
+        let counted = allocation_counter::measure(|| (140..280).for_each(&mut frame));
+        assert_eq!(counted.count_total, 0, "{weight}, away every {away_every} frames");
+    }
 }

@@ -5,7 +5,7 @@ use super::{OccluderFrom, Refinement};
 
 /// An occluder is drawn anew every so many frames: whether it would hide something, too, is found out then.
 const TURN_FRAMES: u64 = 64;
-/// One that hides something is renewed every so many frames, for a fifth of what a turn costs.
+/// One that hides something is renewed every so many frames: that takes half of what a turn does, or less.
 const KEPT_FRAMES: u64 = 16;
 /// Of what it is asked it must hide such a share to be kept. Below it improves what is seen by less than 5 % (`mullion bench lod`).
 const LEAST_HIDDEN: f32 = 0.06;
@@ -30,10 +30,15 @@ impl OccluderCourse {
         }
     }
 
-    /// Learns from a frame that drew its occluder, or renewed it.
+    /// Learns from a frame that drew its occluder.
     pub fn note(&mut self, frame: u64, found: &Refinement) {
-        self.drawn = Some(frame);
         self.is_worth = found.hidden_share() >= LEAST_HIDDEN;
+        self.note_renewed(frame);
+    }
+
+    /// A frame has renewed it. That tells nothing of its worth: what was answered earlier is not asked.
+    pub fn note_renewed(&mut self, frame: u64) {
+        self.drawn = Some(frame);
     }
 }
 
@@ -52,6 +57,11 @@ mod tests {
         assert_eq!(renewed, [Some(OccluderFrom::EarlierFrameRenewed); 3], "one may be missed");
         assert_eq!([128, 130, 192].map(|frame| course(true).at(frame)), [Some(OccluderFrom::ThisFrame); 3]);
         let mut learning = course(true);
+        learning.note_renewed(96);
+        assert_eq!(
+            [97, 112].map(|frame| learning.at(frame)),
+            [OccluderFrom::EarlierFrame, OccluderFrom::EarlierFrameRenewed].map(Some)
+        );
         learning.note(96, &Refinement::new());
         assert_eq!(learning.at(112), None, "nothing was hidden");
     }

@@ -31,14 +31,19 @@ impl KeptOccluder {
         Self { occluder, course, weigher, weights: Vec::new(), weighed_by: DetailWeight::None, is_inside: Vec::new() }
     }
 
-    /// Whether a frame draws the occluder anew, as long as the view looks about the same way and nothing goes away.
+    /// Whether a frame draws the occluder anew or renews it, as long as the view looks about the same way and nothing goes away.
     pub fn has_turn(&self, frame: u64) -> bool {
-        self.course.at(frame) == Some(OccluderFrom::ThisFrame)
+        matches!(self.course.at(frame), Some(OccluderFrom::ThisFrame | OccluderFrom::EarlierFrameRenewed))
+    }
+
+    /// The next frame draws the occluder anew, whatever its number.
+    pub fn draw_anew(&mut self) {
+        self.course = OccluderCourse::default();
     }
 
     /// Objects are others, or in another order: the next frame draws the occluder anew.
     pub fn forget(&mut self) {
-        self.course = OccluderCourse::default();
+        self.draw_anew();
         self.weights.clear();
         self.is_inside.clear();
     }
@@ -46,8 +51,8 @@ impl KeptOccluder {
     /// Refines a frame that is seen by a projection. Whether it drew the occluder anew, and what it found depends on no frame before it.
     ///
     /// An occluder in which something is that has gone away since is drawn anew at once. Where objects are weighed it is drawn anew where it would
-    /// be renewed; weights are found anew at once, too, and where the view looks another way, whether the occluder hides enough to be drawn or
-    /// not.
+    /// be renewed. Weights are found anew where another way of weighing is wanted and where the view looks another way, whether the occluder
+    /// hides enough to be drawn or not.
     ///
     /// By [`DetailWeight::None`] objects keep the weights that they come with. By [`DetailWeight::Nohc`] they get others, which a frame that
     /// draws the occluder finds after having refined as they came; then it refines once more. So what such a frame finds depends on no
@@ -75,7 +80,7 @@ impl KeptOccluder {
             _ => Some(OccluderFrom::ThisFrame),
         };
         let is_drawn = from == Some(OccluderFrom::ThisFrame);
-        let is_renewed = is_drawn || from == Some(OccluderFrom::EarlierFrameRenewed);
+        let is_renewed = from == Some(OccluderFrom::EarlierFrameRenewed);
         if let Some(tessellated) = by_estimate.filter(|_| is_drawn) {
             weights.clear();
             weights.extend(weigher.weigh(tessellated, sight, objects).map(weight_of));
@@ -86,9 +91,12 @@ impl KeptOccluder {
         refinement.refine(objects, sight, options, from.map(|from| (&mut *occluder as &mut dyn Occluder, from)));
         if is_drawn {
             *weighed_by = weight;
+            course.note(frame, refinement);
         }
         if is_renewed {
-            course.note(frame, refinement);
+            course.note_renewed(frame);
+        }
+        if is_drawn || is_renewed {
             is_inside.clear();
             is_inside.extend(objects.iter().map(|object| object.is_solid && object.presence == Presence::There));
         }

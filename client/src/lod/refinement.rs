@@ -513,7 +513,7 @@ impl Refinement {
         self.question_count
     }
 
-    /// Of the questions, how many told at last that something was hidden.
+    /// Of the questions, how many told at last that something was hidden. Of a frame that drew its occluder: others ask little anew.
     pub fn hidden_share(&self) -> f32 {
         self.hidden.len() as f32 / self.question_count.max(1) as f32
     }

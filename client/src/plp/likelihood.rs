@@ -6,7 +6,7 @@
 //! by how likely they are seen, and drawn class by class: those that lie open first, those that hardly do after what lies open further back.
 //! Of a cell of which the frustum holds a part, they are as likely in sight as that part is large; and the light that came through it counts
 //! by the root of that, among what came through others: it may be out of sight with the next frame. (In `mullion bench plp` more triangles come
-//! and go by the part itself, and most of all by neither.)
+//! and go by the part itself, and most of all by neither.) The brightest face counts in full, however little of the cell before it is in sight.
 //!
 //! Only sums, products, quotients and square roots: the same order on every machine.
 

@@ -5,6 +5,7 @@
 //! ρ_B = |A| / ρ_max + (v · n_B) ρ_A           ρ_B = |A| + ρ_A
 //! not star-shaped: apply_penalty_factor(ρ_B)  not star-shaped: ρ_B + the mean of |c|
 //! enqueue(B, ρ_B), whatever it had            enqueue(B, ρ_B + |B| / 2), where that is less than it had; ties: the nearest first
+//! project(A): its triangles are drawn         of A a share s is in sight: they are drawn in the turn of ρ_A + 0.05 · the mean of |c| (1/s − 1)
 //! ```
 //! Where it leaves the figure's letter, `mullion bench plp` has the reason; what is found at 1, 2, 5 and 10 % of the budget stands in
 //! `benches/record/plp.md`.
@@ -21,7 +22,7 @@
 //!   corners in common, and many come into the frustum at once.
 //! - ρ_max would divide all alike, and no order hangs on it.
 //!
-//! Counts and the geometry of cells are all that it uses.
+//! Counts, the geometry of cells and the frustum are all that it uses.
 
 use std::ops::ControlFlow;
 

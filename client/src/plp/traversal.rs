@@ -191,7 +191,8 @@ impl Traversal {
         self.project_below(frame, budget, f32::INFINITY)
     }
 
-    /// The same by [`Solidity::Likelihood`], as long as what comes next is as likely seen as this at least, 0 to 1.
+    /// The same by [`Solidity::Likelihood`], as long as what comes next is as likely seen as this at least, 0 to 1. What is in a cell of which a
+    /// part is in sight is as likely seen as that part is large, at most.
     pub fn project_likely(&mut self, frame: &Frame<'_>, budget: u32, least: f32) -> Projected {
         self.project_below(frame, budget, -least)
     }
