@@ -233,9 +233,9 @@ fn a_spare_shows_what_a_missing_tile_would_until_that_one_is_back() {
 
     let owner = Node::start(NODES[1], Part::Own, &[&address]);
     owner.shows(10, gone);
-    master.error_line(&["node attic left", "is back"], 0, LIMIT);
+    let (left, _) = master.error_line(&["node attic left", "is back"], 0, LIMIT);
     // Its place is taken: it waits again.
-    master.error_line(&["node attic joined"], master.err.lines().len().saturating_sub(3), LIMIT);
+    master.error_line(&["node attic joined"], left, LIMIT);
     owner.end();
     nodes.into_iter().for_each(Node::end);
     spare.end();
