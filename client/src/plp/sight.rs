@@ -9,7 +9,7 @@ use super::{Shown, Sight};
 /// What rounding in `f32` may cost, as a share of a corner's distance: a cell that is outside by less is inside.
 const SLACK: f32 = 1e-4;
 
-/// Less of a cell in sight counts as much.
+/// Less of a cell on a plane's inner side counts as much.
 const LEAST_SHARE: f32 = 1e-6;
 
 /// A sight in the tessellation's space, in `f32`.
@@ -45,10 +45,10 @@ impl CellSight {
                 return 0.0;
             }
             if heights.min_element() < 0.0 {
-                share *= share_above(heights.to_array());
+                share *= share_above(heights.to_array()).max(LEAST_SHARE);
             }
         }
-        share.max(LEAST_SHARE)
+        share.max(f32::MIN_POSITIVE) // of many planes
     }
 
     /// The cell that the eye is in, by a walk from the first one: the same whatever was seen before. `None` outside the hull.
