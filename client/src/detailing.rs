@@ -187,11 +187,11 @@ impl Detailing {
         let is_known = self.found.as_ref().is_some_and(|(eye, of, by)| (eye, of, by) == (&frame.shared_eye, primary, detail));
         let has_turn = self.occluder.as_ref().is_none_or(|occluder| occluder.has_turn(frame.number));
         let is_found = is_known && !self.has_changed && (self.is_final || !has_turn);
-        if let Some(occluder) = self.occluder.as_mut().filter(|_| is_known && has_turn) {
-            // The view rests: what is found now is final, and all nodes find it.
-            occluder.draw_anew();
-        }
         if !is_found {
+            if let Some(occluder) = self.occluder.as_mut().filter(|_| is_known && has_turn) {
+                // The view rests: what is found now is final, and all nodes find it.
+                occluder.draw_anew();
+            }
             self.refine((renderer.transforms(), tessellated), frame, (primary, detail));
         }
         if !is_found || self.named != self.staged {

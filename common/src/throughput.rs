@@ -202,6 +202,15 @@ mod tests {
             };
             (0..frames).map(|_| frame()).collect()
         }
+
+        /// Frames of which every eighth takes twice as long, until that is settled.
+        fn draw_with_hiccups(&mut self, throughput: &mut Throughput) {
+            for frame in 0..SETTLES_WITHIN {
+                let triangles = throughput.triangles();
+                throughput.take(triangles, self.draw_us(triangles) * if frame % 8 == 0 { 2 } else { 1 }, true);
+                throughput.follow();
+            }
+        }
     }
 
     /// Fixed time, time for a triangle, microseconds; the fixed time of the last is all but what is aimed at.
@@ -323,11 +332,7 @@ mod tests {
     fn a_margin_stays_while_views_are_empty() {
         let mut throughput = Throughput::new(TIME_US, SCENE);
         let mut model = Model::new(1, 1000.0, 0.01);
-        for frame in 0..SETTLES_WITHIN {
-            let triangles = throughput.triangles();
-            throughput.take(triangles, model.draw_us(triangles) * if frame % 8 == 0 { 2 } else { 1 }, true);
-            throughput.follow();
-        }
+        model.draw_with_hiccups(&mut throughput);
         let settled = throughput.triangles();
         for _ in 0..SETTLES_WITHIN {
             throughput.take(throughput.triangles(), model.draw_us(10), false);
@@ -342,12 +347,7 @@ mod tests {
         let mut model = Model::new(1, 1000.0, 0.01);
         model.draw(&mut throughput, SETTLES_WITHIN);
         let even = f64::from(throughput.triangles());
-        for frame in 0..SETTLES_WITHIN {
-            let triangles = throughput.triangles();
-            let draw_us = model.draw_us(triangles) * if frame % 8 == 0 { 2 } else { 1 };
-            throughput.take(triangles, draw_us, true);
-            throughput.follow();
-        }
+        model.draw_with_hiccups(&mut throughput);
         assert!(f64::from(throughput.triangles()) < 0.8 * even);
         model.draw(&mut throughput, SETTLES_WITHIN);
         assert!((f64::from(throughput.triangles()) / even - 1.0).abs() < 0.1);

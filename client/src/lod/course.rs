@@ -5,7 +5,7 @@ use super::{OccluderFrom, Refinement};
 
 /// An occluder is drawn anew every so many frames: whether it would hide something, too, is found out then.
 const TURN_FRAMES: u64 = 64;
-/// One that hides something is renewed every so many frames: that takes half of what a turn does, or less.
+/// One that hides something is renewed every so many frames: that takes a third to two thirds of what a turn does (`mullion bench lod`).
 const KEPT_FRAMES: u64 = 16;
 /// Of what it is asked it must hide such a share to be kept. Below it improves what is seen by less than 5 % (`mullion bench lod`).
 const LEAST_HIDDEN: f32 = 0.06;
