@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3};
 use mullion_client::gpu::Gpu;
-use mullion_common::scene::Material;
+use mullion_common::scene::{GeometryChunk, Material};
 use mullion_common::visible_set::VisibleSet;
 
-use crate::fixture::{Look, Numbers, Scene, clutter, coinciding_sheets, draw, gpu, pattern, plain, rectangle, renderer};
+use crate::fixture::{Look, Numbers, Picture, Scene, clutter, coinciding_sheets, draw, gpu, pattern, plain, rectangle, renderer};
 
 /// A far off-axis look somewhere among the boxes.
 fn random_look(numbers: &mut Numbers) -> Look {
@@ -39,6 +39,44 @@ fn a_tile_of_its_visible_set_is_the_tile_of_all_leaves() {
         assert!(none.ids.iter().all(|&id| id == 0) && none.color.pixels().all(|p| p == none.color.get_pixel(0, 0)));
     }
     assert!(culled > 3000 && drawn > 12 * 1000, "the views must show something and cull something: {culled}, {drawn}");
+}
+
+/// Sheets behind z = -5, seen edge-on from the origin but for an angle of 1e-8 to 1e-3.
+fn sheets_edge_on(count: u16) -> GeometryChunk {
+    let mut numbers = Numbers(9);
+    let mut chunk = GeometryChunk::default();
+    for sheet in 0..count {
+        let (tangent, below) = (numbers.between(-1.0, 1.0), numbers.between(-0.6, 0.5));
+        let off = 10_f64.powf(numbers.between(-8.0, -3.0));
+        for (distance, tangent, height) in
+            [(5.01, tangent, 0.0), (9.0, tangent + off, 0.0), (9.0, tangent + off, 0.1), (5.01, tangent, 0.1)]
+        {
+            let place = DVec3::new(tangent, below + height, -1.0) * distance;
+            chunk.positions.push(place.as_vec3().to_array());
+            chunk.vertex_ids.push(chunk.positions.len() as u32);
+        }
+        chunk.indices.extend([0, 1, 2, 0, 2, 3].map(|corner| 4 * sheet + corner));
+    }
+    chunk
+}
+
+#[test]
+fn what_is_seen_edge_on_stays_behind_what_is_before_it() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::default();
+    let material = scene.material(Material { double_sided: true, ..plain([1.0; 4]) });
+    let object = scene.object(DAffine3::IDENTITY);
+    let mesh = scene.mesh(&sheets_edge_on(8000));
+    let sheets = scene.leaf(object, mesh, material);
+    let (wall, mesh) = (DAffine3::from_translation(DVec3::new(0.0, 0.0, -5.0)), scene.mesh(&rectangle([-9.0, -9.0], [9.0, 9.0])));
+    let wall = scene.object(wall);
+    scene.leaf(wall, mesh, material);
+    let look = Look::ahead(DVec3::ZERO, [286, 182]);
+    let mut renderer = renderer(&gpu, &scene, look.size_px);
+    let pixels = |picture: Picture| picture.ids.iter().filter(|id| **id == sheets + 1).count();
+    let alone = pixels(draw(&mut renderer, &scene, &look, &VisibleSet::all(1)));
+    assert!(alone > 1000, "{alone} pixels of sheets");
+    assert_eq!(pixels(draw(&mut renderer, &scene, &look, &scene.all())), 0);
 }
 
 /// A textured ground that reaches kilometres in all directions, in two triangles that pass through the near plane.

@@ -100,7 +100,7 @@ fn base_color(in: Fragment) -> vec4f {
     return texel * in.color;
 }
 
-// Depth, rounded away from the eye to 1/32768 of itself.
+// Depth, no nearer than the triangle, and rounded away from the eye to 1/32768 of itself.
 //
 // Faces that coincide are common in real files: parts that touch, walls given twice. Their interpolated depths differ by
 // the last bits, differently in each tile, and the picture would be torn between the two faces and torn otherwise on the
@@ -109,9 +109,15 @@ fn base_color(in: Fragment) -> vec4f {
 // rounding, 0.2 % with; each bit halves them (client/tests/drawing/culling.rs). On a car of touching bricks it was 1.2 % and
 // 0.02 %. The price is that faces closer than 0.3 mm at 10 m are one.
 override ROUNDED_BITS: u32;
+// How far from its triangle a pixel may be that is given to it: rasterisers round corners to 1/256 pixel. A triangle that is seen edge-on
+// changes its depth by any amount over that distance. Its fragments are taken to be farther by as much: none is nearer than all of its
+// triangle, and where its box is hidden, it is.
+const SNAPPED_PX: f32 = 1.0 / 256.0;
 
 fn rounded_depth(in: Fragment) -> f32 {
-    return bitcast<f32>((bitcast<u32>(in.position.z) >> ROUNDED_BITS) << ROUNDED_BITS);
+    let steepness = abs(dpdx(in.position.z)) + abs(dpdy(in.position.z));
+    let depth = max(in.position.z - steepness * SNAPPED_PX, 0.0);
+    return bitcast<f32>((bitcast<u32>(depth) >> ROUNDED_BITS) << ROUNDED_BITS);
 }
 
 // The lines of this form are replaced where the GPU lets a shader promise that it only moves depth away: then it may
@@ -121,12 +127,13 @@ fn opaque_pixel(in: Fragment) -> Pixel {
 }
 
 fn masked_pixel(in: Fragment) -> Pixel {
+    let depth = rounded_depth(in);
     let color = base_color(in);
     let lit = color.rgb * light(in);
     if color.a < in.alpha_cutoff {
         discard;
     }
-    return Pixel(vec4f(lit, 1.0), in.leaf + 1u, rounded_depth(in));
+    return Pixel(vec4f(lit, 1.0), in.leaf + 1u, depth);
 }
 
 // EARLY_DEPTH
