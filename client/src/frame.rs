@@ -98,6 +98,8 @@ pub struct PassPlan {
     pub footprints: Vec<Footprint>,
     /// How boxes are tested, with occlusion culling.
     pub test: BoxTest,
+    /// Whether it is told how long it took, though nothing is tested. It is waited for then.
+    pub is_timed: bool,
     /// Objects that are drawn by their cuts, before all else and whatever hides them. Their leaves are in none of the other lists. Ascending.
     pub cuts: Vec<ObjectId>,
     /// Blended leaves, drawn in this order: back to front, ties by leaf.
@@ -158,16 +160,26 @@ pub struct PassResult {
     pub bounds_seen: Vec<bool>,
     /// Of each of the plan's footprints.
     pub counts: Vec<Counts>,
-    /// With occlusion culling, where the GPU has a clock.
+    /// With occlusion culling, or where it was asked for, if the GPU has a clock.
     pub times: Option<Times>,
 }
 
-/// What a GPU was busy with, microseconds of its own clock.
+/// What a pass took, microseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[allow(missing_docs)]
 pub struct Times {
+    /// To list, to encode and to hand over, by the CPU's clock.
+    pub plan_us: f64,
+    /// To draw, by the GPU's clock.
     pub draw_us: f64,
+    /// To test boxes, by the GPU's clock.
     pub test_us: f64,
+}
+
+impl Times {
+    /// Of CPU and GPU, one after the other.
+    pub fn all_us(&self) -> f64 {
+        self.plan_us + self.draw_us + self.test_us
+    }
 }
 
 /// Plans frames. Keeps its memory from frame to frame.
@@ -201,8 +213,8 @@ impl Planner {
         Self { occlusion: Occlusion::Adaptive, adaptive: Some(adaptive), ..self }
     }
 
-    /// The same, but where occlusion culling costs more than it saves it is left off for a while, by the GPU's clock. Of
-    /// [`Occlusion::Hiz`] alone.
+    /// The same, but where occlusion culling costs more than it saves it is left off for a while, by what it
+    /// takes with and without. Of [`Occlusion::Hiz`] alone.
     #[must_use]
     pub fn while_worth(self) -> Self {
         Self { worth: Some(Worth::default()), ..self }
@@ -246,6 +258,7 @@ impl Planner {
         let mut pass = self.spare_passes.pop().unwrap_or_else(|| PassPlan::new(view.view, view.projection));
         (pass.view, pass.projection, pass.missing) = (view.view, view.projection, 0);
         pass.round = 0;
+        pass.is_timed = false;
         pass.opaque.clear();
         pass.parts.clear();
         pass.in_pieces.clear();
@@ -312,6 +325,7 @@ impl PassPlan {
             look_for: VisibleSet::default(),
             footprints: Vec::new(),
             test: BoxTest::Drawn,
+            is_timed: false,
             cuts: Vec::new(),
             blended: Vec::new(),
             boxes: Vec::new(),

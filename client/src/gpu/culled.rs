@@ -8,7 +8,7 @@ use super::occlusion::{BoxTester, Buffers, First};
 use super::pipelines::{Coverage, Turn};
 use super::renderer::{Load, Renderer};
 use super::test_box::{Grower, LocalScale, TestBox};
-use super::timer::Pass;
+use super::timer::{Pass, Timer};
 use crate::frame::{PassPlan, PassResult, Times};
 use crate::occlusion::BoxTest;
 
@@ -117,16 +117,23 @@ impl Renderer {
     }
 
     pub(super) fn encode_times(&self, at: usize, encoder: &mut wgpu::CommandEncoder, passes: u32) {
-        let timer = self.targets[at].first.as_ref().and_then(|first| first.timer.as_ref());
-        timer.inspect(|timer| timer.resolve(encoder, passes));
+        self.targets[at].timer.as_ref().inspect(|timer| timer.resolve(encoder, passes));
     }
 
     /// Waits until a target is drawn, takes what was not from its result, and tells what is seen.
     pub(super) fn note_seen(&mut self, at: usize, test: BoxTest, result: &mut PassResult) -> Result<(), GpuError> {
         let by_pixels = test == BoxTest::Sifted;
-        let Some(first) = &mut self.targets[at].first else { return Ok(()) };
-        let times = first.read_seen(&self.gpu, &mut self.culling.seen)?;
-        result.times = times.map(|[first, tested, all]| Times { draw_us: first + all - tested, test_us: tested - first });
+        let target = &self.targets[at];
+        let Some(first) = &target.first else { return Ok(()) };
+        target.timer.as_ref().inspect(|timer| timer.ask());
+        first.read_seen(&self.gpu, &mut self.culling.seen)?;
+        let times = target.timer.as_ref().map(Timer::times_us).transpose()?;
+        let times = times.map(|[first, tested, all]| Times {
+            draw_us: first + all - tested,
+            test_us: tested - first,
+            ..Times::default()
+        });
+        result.times = times;
         let (mut seen, mut late) = (VisibleSet::default(), VisibleSet::default());
         for (tested, word) in first.tested.iter().zip(&self.culling.seen) {
             let Some(Tested { leaf, triangles, is_late, is_seen, has_id }) = *tested else { continue };
@@ -146,6 +153,16 @@ impl Renderer {
         seen.normalize();
         late.normalize();
         (result.seen, result.late) = (Some(seen), late);
+        Ok(())
+    }
+
+    /// Waits until a target is drawn, and tells how long that took.
+    pub(super) fn note_times(&mut self, at: usize, result: &mut PassResult) -> Result<(), GpuError> {
+        let Some(timer) = &self.targets[at].timer else { return Ok(()) };
+        timer.ask();
+        self.gpu.wait(None)?;
+        let [draw_us, ..] = timer.times_us()?;
+        result.times = Some(Times { draw_us, ..Times::default() });
         Ok(())
     }
 

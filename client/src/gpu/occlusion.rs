@@ -77,7 +77,6 @@ pub(super) struct First {
     glance: Option<(u64, wgpu::BindGroup)>,
     asked: u32,
     box_count: u32,
-    pub timer: Option<Timer>,
     /// By draw, with draws that wait; none for what is in the place of a leaf.
     pub tested: Vec<Option<Tested>>,
     /// By bound of a round: it reaches the near plane.
@@ -150,12 +149,12 @@ impl BoxTester {
             if test == BoxTest::Sifted {
                 self.sift(encoder, first, groups);
             }
-            let views = (&target.color_view, &target.depth_view);
+            let timer = target.timer.as_ref().filter(|_| !buffers.have_late);
             if first.is_queried {
                 let queries = first.queries.get_or_insert_with(|| Queries::new(gpu, MAX_QUERIES as u32));
-                self.query(encoder, &target.depth_view, (first.timer.as_ref(), groups, queries), first.box_count);
+                self.query(encoder, &target.depth_view, (target.timer.as_ref(), groups, queries), first.box_count);
             } else {
-                self.draw(gpu, encoder, views, (first, groups), (test, buffers.have_late));
+                self.draw(gpu, encoder, (&target.color_view, &target.depth_view, timer), (first, groups), test);
             }
         }
         if let (true, Some((_, groups))) = (buffers.have_late && first.box_count > 0, &first.groups) {
@@ -235,9 +234,9 @@ impl BoxTester {
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
-        (color, depth): (&wgpu::TextureView, &wgpu::TextureView),
+        (color, depth, timer): (&wgpu::TextureView, &wgpu::TextureView, Option<&Timer>),
         (first, groups): (&First, &Groups),
-        (test, have_late): (BoxTest, bool),
+        test: BoxTest,
     ) {
         let attachment = wgpu::RenderPassColorAttachment {
             view: color,
@@ -249,7 +248,7 @@ impl BoxTester {
             label: Some("boxes"),
             color_attachments: &[Some(attachment)],
             depth_stencil_attachment: gpu.early_depth.then(|| read_only(depth)),
-            timestamp_writes: first.timer.as_ref().filter(|_| !have_late).map(|timer| timer.stamps(Pass::Second)),
+            timestamp_writes: timer.map(|timer| timer.stamps(Pass::Second)),
             ..Default::default()
         });
         pass.set_bind_group(0, &groups.drawn, &[]);
@@ -308,7 +307,6 @@ impl First {
             glance: None,
             asked: 0,
             box_count: 0,
-            timer: Timer::new(gpu),
             tested: Vec::new(),
             untested: Vec::new(),
         }
@@ -375,8 +373,8 @@ impl First {
         }
     }
 
-    /// What was asked for and seen, a word for each, and the times of the passes. Waits for the GPU.
-    pub fn read_seen(&self, gpu: &Gpu, seen: &mut Vec<u32>) -> Result<Option<[f64; 3]>, GpuError> {
+    /// What was asked for and seen, a word for each. Waits for the GPU.
+    pub fn read_seen(&self, gpu: &Gpu, seen: &mut Vec<u32>) -> Result<(), GpuError> {
         seen.clear();
         let queries = self.queries.as_ref().filter(|_| self.is_queried);
         queries.inspect(|queries| queries.want());
@@ -385,18 +383,16 @@ impl First {
         if let Some(read) = read {
             read.map_async(wgpu::MapMode::Read, range.clone(), |_| {}); // a failure shows when the range is asked for
         }
-        self.timer.as_ref().inspect(|timer| timer.ask());
         gpu.wait(None)?;
-        let times = self.timer.as_ref().map(Timer::times_us).transpose()?;
         if let Some(queries) = queries {
             queries.take(seen)?;
         }
-        let Some(read) = read else { return Ok(times) };
+        let Some(read) = read else { return Ok(()) };
         let mapped = read.get_mapped_range(range).map_err(|e| GpuError::Refused(e.to_string()))?;
         seen.extend(mapped.chunks_exact(size_of::<u32>()).map(bytemuck::pod_read_unaligned::<u32>));
         drop(mapped);
         read.unmap();
-        Ok(times)
+        Ok(())
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::sync::Arc;
+use std::time::Instant;
 
 use glam::DAffine3;
 use mullion_common::geometry::Aabb;
@@ -213,30 +214,36 @@ impl Renderer {
     pub fn draw(&mut self, plan: &FramePlan) -> Result<PassResults, GpuError> {
         self.arena.flush(&self.gpu);
         let mut passes = Vec::with_capacity(plan.passes.len());
-        let mut culled = Vec::new();
+        let mut awaited = Vec::new();
         let can_cull = self.can_cull();
         for pass in &plan.passes {
+            let began = Instant::now();
             let at = self.targets.iter().position(|t| t.view == pass.view).ok_or(GpuError::UnknownView(pass.view.0))?;
-            passes.push(match &pass.first {
+            let result = match &pass.first {
                 Some(first) if can_cull && pass.opaque.len() as usize + pass.blended.len() <= MAX_CULLED => {
                     self.prepare_culling(at)?;
-                    culled.push((passes.len(), at));
                     self.draw_culled(at, pass, first)?
                 }
                 None if pass.is_round() && !can_cull => return Err(GpuError::NoCulling),
                 None if pass.is_round() => {
                     self.prepare_culling(at)?;
-                    culled.push((passes.len(), at));
                     self.draw_round(at, pass)?
                 }
                 _ => self.draw_pass(at, pass)?,
-            });
-        }
-        for (result, at) in culled {
-            match plan.passes[result].first {
-                Some(_) => self.note_seen(at, plan.passes[result].test, &mut passes[result])?,
-                None => self.note_bounds(at, &plan.passes[result], &mut passes[result])?,
+            };
+            if self.targets[at].is_culled || pass.is_timed {
+                awaited.push((passes.len(), at, began.elapsed()));
             }
+            passes.push(result);
+        }
+        for (at, target, planned) in awaited {
+            let (pass, result) = (&plan.passes[at], &mut passes[at]);
+            match pass.first {
+                Some(_) if self.targets[target].is_culled => self.note_seen(target, pass.test, result)?,
+                None if pass.is_round() => self.note_bounds(target, pass, result)?,
+                _ => self.note_times(target, result)?,
+            }
+            result.times.iter_mut().for_each(|times| times.plan_us = planned.as_secs_f64() * 1e6);
         }
         self.gpu.check()?;
         Ok(PassResults { passes })
@@ -266,7 +273,11 @@ impl Renderer {
         self.list_draws(pass);
         self.hand_over(at, pass, false)?;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
-        self.encode(&self.targets[at], &mut encoder, (Load::Clear, None), 0..self.list.batches.len());
+        let measured = pass.is_timed.then_some(Pass::Draws);
+        self.encode(&self.targets[at], &mut encoder, (Load::Clear, measured), 0..self.list.batches.len());
+        if pass.is_timed {
+            self.encode_times(at, &mut encoder, 1);
+        }
         self.last_submission = Some(self.gpu.submit(Some(encoder.finish())));
         Ok(self.result(pass))
     }
@@ -358,7 +369,7 @@ impl Renderer {
         self.recorded[at].1
     }
 
-    /// Draws some of what is listed. `measured`: as which pass of a target that is culled; none of one that is not.
+    /// Draws some of what is listed into a target that has begun. `measured`: as which pass, if at all.
     pub(super) fn encode(
         &self,
         target: &Target,
@@ -366,8 +377,6 @@ impl Renderer {
         (load, measured): (Load, Option<Pass>),
         batches: Range<usize>,
     ) {
-        let is_culled = measured.is_some();
-        let timer = target.first.as_ref().and_then(|first| first.timer.as_ref());
         let attachment = |view, clear| wgpu::RenderPassColorAttachment {
             view,
             depth_slice: None,
@@ -385,7 +394,7 @@ impl Renderer {
                 depth_ops: Some(wgpu::Operations { load: load.of(0.0), store: wgpu::StoreOp::Store }),
                 stencil_ops: None,
             }),
-            timestamp_writes: timer.zip(measured).map(|(timer, pass)| timer.stamps(pass)),
+            timestamp_writes: target.timer.as_ref().zip(measured).map(|(timer, pass)| timer.stamps(pass)),
             ..Default::default()
         });
         let Some((_, bindings)) = &target.bindings else { return };
@@ -398,7 +407,7 @@ impl Renderer {
         for batch in &self.list.batches[batches] {
             let state = batch.state;
             if bound.is_none_or(|b| b.pipeline != state.pipeline) {
-                pass.set_pipeline(self.pipelines.get(state.pipeline, is_culled));
+                pass.set_pipeline(self.pipelines.get(state.pipeline, target.is_culled));
             }
             if bound.is_none_or(|b| b.texture != state.texture) {
                 pass.set_bind_group(1, &self.materials.bindings[state.texture as usize], &[]);

@@ -9,7 +9,7 @@ use super::device::GpuError;
 use super::pipelines::Turn;
 use super::renderer::{Load, Renderer};
 use super::test_box::{Grower, LocalScale, TestBox};
-use super::timer::Pass;
+use super::timer::{Pass, Timer};
 use crate::frame::{Bound, PassPlan, PassResult, Times};
 
 impl Renderer {
@@ -46,11 +46,17 @@ impl Renderer {
         if !pass.footprints.is_empty() {
             result.counts = self.count_boxes(pass.view, &pass.footprints)?;
         }
-        let Some(first) = &self.targets[at].first else { return Ok(()) };
-        let times = first.read_seen(&self.gpu, &mut self.culling.seen)?;
+        let target = &self.targets[at];
+        let Some(first) = &target.first else { return Ok(()) };
+        target.timer.as_ref().inspect(|timer| timer.ask());
+        first.read_seen(&self.gpu, &mut self.culling.seen)?;
         let have_bounds = first.have_boxes() && pass.look_for.is_empty();
-        result.times = times
-            .map(|[drawn, _, all]| Times { draw_us: drawn, test_us: if have_bounds { (all - drawn).max(0.0) } else { 0.0 } });
+        let times = target.timer.as_ref().map(Timer::times_us).transpose()?;
+        result.times = times.map(|[drawn, _, all]| Times {
+            draw_us: drawn,
+            test_us: if have_bounds { (all - drawn).max(0.0) } else { 0.0 },
+            ..Times::default()
+        });
         result.bounds_seen.clear();
         if !pass.look_for.is_empty() {
             let looked_for = pass.look_for.leaves().zip(&self.culling.seen).filter(|(_, word)| **word & HAS_PIXEL != 0);

@@ -7,6 +7,7 @@ use glam::{DMat3, DVec3};
 
 use super::device::{Gpu, GpuError};
 use super::occlusion::First;
+use super::timer::Timer;
 
 pub(super) const COLOR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
 pub(super) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
@@ -87,6 +88,10 @@ pub(super) struct Target {
     pub always_ids: bool,
     /// Whether they are of the last picture.
     pub ids_are_new: bool,
+    /// Whether the pass that was begun last is drawn with occlusion culling.
+    pub is_culled: bool,
+    /// Where the GPU has a clock.
+    pub timer: Option<Timer>,
     /// Made when it is first drawn with occlusion culling.
     pub first: Option<First>,
     /// Made when it is first shown.
@@ -122,6 +127,8 @@ impl Target {
             ids: None,
             always_ids: attachments == Attachments::ColorAndIds,
             ids_are_new: false,
+            is_culled: false,
+            timer: Timer::new(gpu),
             shown: None,
             uniform,
             bindings: None,
@@ -131,6 +138,7 @@ impl Target {
     /// Begins a pass, with ids or without.
     pub fn begin(&mut self, gpu: &Gpu, is_culled: bool) {
         use wgpu::TextureUsages as Use;
+        self.is_culled = is_culled;
         self.ids_are_new = is_culled || self.always_ids;
         if self.ids_are_new && self.ids.is_none() {
             let usage = Use::RENDER_ATTACHMENT | Use::COPY_SRC | Use::TEXTURE_BINDING;

@@ -121,9 +121,12 @@ impl CulledView {
         let first = pass.first.take();
         match &mut self.state {
             State::Turns { seen, likely, coarse, worth } => {
-                if worth.as_mut().is_some_and(|worth| !worth.is_on()) {
+                if let Some(worth) = worth
+                    && !worth.is_on()
+                {
                     *seen = None;
                     coarse.leaves.clear();
+                    pass.is_timed = worth.is_measured();
                     return;
                 }
                 let mut first = first.unwrap_or_default();
@@ -182,6 +185,8 @@ impl CulledView {
                     if let Some(worth) = worth {
                         worth.note(Outcome { drawn, hidden, times: result.times });
                     }
+                } else if let (Some(worth), Some(times)) = (worth, result.times) {
+                    worth.note_without(result.triangles, times);
                 }
                 false
             }

@@ -5,22 +5,52 @@ use crate::frame::Times;
 /// Frames that are looked at before a judgement.
 const WINDOW: u32 = 3;
 /// Frames that it is left off after a first judgement, and at most: each further one doubles them.
-const FIRST_PAUSE: u32 = 48;
+const FIRST_PAUSE: u32 = 96;
 const LONGEST_PAUSE: u32 = 768;
+/// So many times as long as without: then the frames that were looked at are enough.
+const FAR_TOO_LONG: f64 = 1.25;
 /// Frames after a pause that say nothing: in the first all is drawn, to know what is seen.
 const WARM_UP: u32 = 1;
+/// Of a pause the last frames, in which it is measured what a frame takes without: the quickest is believed, others were disturbed.
+const MEASURED: u32 = 3;
+/// Frames with it after which it is measured anew what one takes without, where less than this share is saved: then nobody sees it.
+const RENEWED: u32 = 512;
+const LITTLE: f64 = 0.2;
 /// Where the GPU has no clock: the share of triangles that must be hidden.
 const LEAST_HIDDEN: f64 = 0.25;
 
-/// Learns to leave it off where little is hidden, and looks again now and then.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Learns to leave it off where frames take longer with it, and looks again now and then.
+///
+/// What a frame would have taken without is known from frames that were drawn so before, and goes with the triangles in the view. It is not
+/// more than if those that are hidden took as long as those that were drawn: they are the farther ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Worth {
     /// Frames for which it is left off still.
     pause: u32,
     last_pause: u32,
+    /// Frames with it since the last pause, or the last judgement.
     frames: u32,
-    saved_us: f64,
-    spent_us: f64,
+    /// Frames with it since the last pause.
+    since_pause: u32,
+    /// Of a triangle in the view, in frames without.
+    us_per_triangle: Option<f64>,
+    without_us: f64,
+    with_us: f64,
+}
+
+impl Default for Worth {
+    /// Begins with frames without.
+    fn default() -> Self {
+        Self {
+            pause: MEASURED + 1,
+            last_pause: 0,
+            frames: 0,
+            since_pause: 0,
+            us_per_triangle: None,
+            without_us: 0.0,
+            with_us: 0.0,
+        }
+    }
 }
 
 /// What a frame with occlusion culling came to.
@@ -41,24 +71,47 @@ impl Worth {
         self.pause == 0
     }
 
-    /// Takes what came of a frame that was.
+    /// Whether the next frame, which is drawn without, is to be measured.
+    pub fn is_measured(&self) -> bool {
+        self.pause <= MEASURED
+    }
+
+    /// Takes what a frame took that was drawn without.
+    pub fn note_without(&mut self, triangles: u64, times: Times) {
+        let us = times.all_us() / triangles.max(1) as f64;
+        let known = self.us_per_triangle.filter(|_| self.pause < MEASURED);
+        self.us_per_triangle = Some(known.map_or(us, |known| known.min(us)));
+    }
+
+    /// Takes what came of a frame that was drawn with it.
     pub fn note(&mut self, outcome: Outcome) {
         self.frames += 1;
+        self.since_pause += 1;
         if self.frames <= WARM_UP {
             return;
         }
-        let (drawn, hidden) = (outcome.drawn as f64, outcome.hidden as f64);
-        let times = outcome.times.unwrap_or(Times { draw_us: drawn, test_us: (drawn + hidden) * LEAST_HIDDEN });
-        self.saved_us += times.draw_us * hidden / drawn.max(1.0);
-        self.spent_us += times.test_us;
-        if self.frames == WARM_UP + WINDOW {
-            let is_worth = self.saved_us > self.spent_us;
-            *self = if is_worth {
-                Self { frames: WARM_UP, ..Self::default() }
+        let (drawn, all) = (outcome.drawn as f64, (outcome.drawn + outcome.hidden) as f64);
+        let (with_us, without_us) = match outcome.times {
+            Some(times) => {
+                let alike_us = times.plan_us + times.draw_us * all / drawn.max(1.0);
+                (times.all_us(), self.us_per_triangle.map_or(alike_us, |us| alike_us.min(us * all)))
+            }
+            None => (drawn + all * LEAST_HIDDEN, all),
+        };
+        self.with_us += with_us;
+        self.without_us += without_us;
+        if self.frames == WARM_UP + WINDOW || self.with_us > self.without_us * FAR_TOO_LONG {
+            let (with_us, without_us) = (std::mem::take(&mut self.with_us), std::mem::take(&mut self.without_us));
+            self.frames = WARM_UP;
+            if with_us >= without_us {
+                self.last_pause = (self.last_pause * 2).clamp(FIRST_PAUSE, LONGEST_PAUSE);
+                (self.pause, self.frames, self.since_pause) = (self.last_pause, 0, 0);
             } else {
-                let pause = (self.last_pause * 2).clamp(FIRST_PAUSE, LONGEST_PAUSE);
-                Self { pause, last_pause: pause, ..Self::default() }
-            };
+                self.last_pause = 0;
+                if self.since_pause >= RENEWED && with_us > without_us * (1.0 - LITTLE) {
+                    (self.pause, self.frames, self.since_pause) = (MEASURED + 1, 0, 0);
+                }
+            }
         }
     }
 }
@@ -135,34 +188,63 @@ impl Budget {
 mod tests {
     use super::*;
 
-    fn outcome(hidden: u64, test_us: f64) -> Outcome {
-        let times = Some(Times { draw_us: (1000 - hidden) as f64, test_us });
-        Outcome { drawn: 1000 - hidden, hidden, times }
+    /// A scene of 1000 triangles, each of which takes a microsecond beyond what all frames take.
+    #[derive(Clone, Copy)]
+    struct Drawing {
+        hidden: u64,
+        always_us: f64,
+        plan_us: f64,
+        test_us: f64,
+        has_clock: bool,
     }
 
-    /// Of 4000 frames, how many are drawn with it.
-    fn share(outcome: Outcome) -> f64 {
-        let mut worth = Worth::default();
-        let mut on = 0;
-        for _ in 0..4000 {
-            if worth.is_on() {
-                on += 1;
-                worth.note(outcome);
+    const DRAWING: Drawing = Drawing { hidden: 0, always_us: 0.0, plan_us: 0.0, test_us: 0.0, has_clock: true };
+
+    impl Drawing {
+        /// Draws a frame. Whether it was drawn with occlusion culling.
+        fn draw(self, worth: &mut Worth) -> bool {
+            let is_on = worth.is_on();
+            let drawn = if is_on { 1000 - self.hidden } else { 1000 };
+            let draw_us = self.always_us + drawn as f64;
+            if is_on {
+                let times = self.has_clock.then_some(Times { plan_us: self.plan_us, draw_us, test_us: self.test_us });
+                worth.note(Outcome { drawn, hidden: self.hidden, times });
+            } else if worth.is_measured() && self.has_clock {
+                worth.note_without(drawn, Times { draw_us, ..Times::default() });
             }
+            is_on
         }
-        f64::from(on) / 4000.0
+
+        /// Of 4000 frames, how many are drawn with it.
+        fn share(self) -> f64 {
+            let mut worth = Worth::default();
+            let on = (0..4000).filter(|_| self.draw(&mut worth)).count();
+            on as f64 / 4000.0
+        }
     }
 
     #[test]
     fn it_stays_on_where_it_saves_more_than_it_costs() {
-        assert_eq!(share(outcome(600, 100.0)), 1.0);
-        assert_eq!(share(Outcome { times: None, ..outcome(600, 0.0) }), 1.0);
+        let much = Drawing { hidden: 600, test_us: 100.0, ..DRAWING };
+        assert_eq!(much.share(), 1.0 - f64::from(MEASURED) / 4000.0);
+        assert_eq!(Drawing { has_clock: false, ..much }.share(), much.share());
+        // Where it saves little it is measured again what is saved.
+        let little = Drawing { hidden: 200, test_us: 100.0, ..DRAWING };
+        assert!(little.share() > 0.99 && little.share() < much.share(), "{}", little.share());
     }
 
     #[test]
     fn it_is_left_off_where_it_costs_more_but_for_a_look_now_and_then() {
-        for outcome in [outcome(50, 100.0), outcome(0, 1.0), Outcome { times: None, ..outcome(100, 0.0) }] {
-            let share = share(outcome);
+        for drawing in [
+            Drawing { hidden: 50, test_us: 100.0, ..DRAWING },
+            Drawing { hidden: 0, test_us: 1.0, ..DRAWING },
+            Drawing { hidden: 100, has_clock: false, ..DRAWING },
+            // Much is hidden, but that is not what takes long.
+            Drawing { hidden: 800, always_us: 10_000.0, test_us: 1000.0, ..DRAWING },
+            // It costs the GPU little, and the CPU more than is saved.
+            Drawing { hidden: 800, plan_us: 1000.0, ..DRAWING },
+        ] {
+            let share = drawing.share();
             assert!(share > 0.005 && share < 0.03, "{share}");
         }
     }
@@ -170,17 +252,21 @@ mod tests {
     #[test]
     fn it_is_back_when_things_begin_to_hide_others() {
         let mut worth = Worth::default();
-        for _ in 0..2000 {
-            if worth.is_on() {
-                worth.note(outcome(0, 50.0));
-            }
-        }
-        let waited = (0..2000).take_while(|_| !worth.is_on()).count();
+        let nothing = Drawing { test_us: 50.0, ..DRAWING };
+        (0..2000).for_each(|_| _ = nothing.draw(&mut worth));
+        let much = Drawing { hidden: 600, ..nothing };
+        let waited = (0..2000).take_while(|_| !much.draw(&mut worth)).count();
         assert!(waited < LONGEST_PAUSE as usize);
-        for _ in 0..500 {
-            assert!(worth.is_on());
-            worth.note(outcome(600, 50.0));
-        }
+        assert!((0..500).all(|_| much.draw(&mut worth)));
+    }
+
+    #[test]
+    fn one_frame_that_was_disturbed_is_not_believed() {
+        let mut worth = Worth::default();
+        let costly = Drawing { hidden: 800, always_us: 10_000.0, test_us: 1000.0, ..DRAWING };
+        let disturbed = Drawing { always_us: 100_000.0, ..costly };
+        let on = (0..4000).filter(|frame| if *frame == 0 { disturbed } else { costly }.draw(&mut worth)).count();
+        assert!(on < 100, "{on}");
     }
 
     #[test]
@@ -192,9 +278,9 @@ mod tests {
             let suffices = budget.us() >= 300.0;
             enough += u32::from(suffices && frame >= 200);
             budget.note(if suffices {
-                Times { draw_us: 100.0, test_us: 300.0 }
+                Times { draw_us: 100.0, test_us: 300.0, ..Times::default() }
             } else {
-                Times { draw_us: 1000.0, test_us: budget.us() }
+                Times { draw_us: 1000.0, test_us: budget.us(), ..Times::default() }
             });
         }
         assert!(enough > 180, "{enough} of 200 frames");
@@ -209,7 +295,7 @@ mod tests {
             for _ in 0..400 {
                 let fraction: f64 = budget.fraction();
                 let draw_us = 1000.0 * (1.0 + (fraction / best).ln().abs());
-                budget.note(Times { draw_us, test_us: 0.0 });
+                budget.note(Times { draw_us, ..Times::default() });
             }
             assert!((budget.fraction() / best).ln().abs() < 1.0, "{} for {best}", budget.fraction());
         }
