@@ -460,3 +460,23 @@ fn a_frame_that_was_not_complete_leaves_no_trace() {
         }
     }
 }
+
+#[test]
+fn a_pass_that_is_timed_tells_what_it_took() {
+    let Some(gpu) = gpu() else { return };
+    let scene = clutter(50);
+    let (mut plain, mut culled) = both(&gpu, &scene);
+    let look = Look::ahead(DVec3::ZERO, SIZE_PX);
+    let (all, none) = (scene.all(), VisibleSet::default());
+    let times = |renderer: &mut Renderer, mut planner: Planner, is_timed: bool| {
+        draw_with(&mut planner, renderer, (&scene, &look, &all, &none), |plan| plan.passes[0].is_timed = is_timed).times
+    };
+    assert_eq!(times(&mut plain, Planner::new(), false), None);
+    let timed = times(&mut plain, Planner::new(), true);
+    let tested = times(&mut culled, Planner::new().culling(Occlusion::Hiz), false);
+    assert_eq!(timed.is_some(), tested.is_some(), "a GPU has a clock or not");
+    for times in timed.into_iter().chain(tested) {
+        assert!(times.plan_us > 0.0 && times.draw_us > 0.0, "{times:?}");
+    }
+    assert!(timed.is_none_or(|times| times.test_us == 0.0), "{timed:?}");
+}
