@@ -122,7 +122,7 @@ impl Drawn {
         if let (Some(first), Some(_)) = (&pass.first, &result.seen) {
             add(first.ranges());
             add(result.late.ranges());
-            self.tests += pass.opaque.len() + pass.blended.len() as u32;
+            self.tests += pass.opaque.len() + (pass.blended.len() + pass.bounds.len()) as u32;
         } else {
             add(pass.opaque.ranges());
             pass.blended.iter().for_each(|leaf| add(&[LeafRange::new(*leaf, leaf + 1)]));

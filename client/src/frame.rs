@@ -90,7 +90,7 @@ pub struct PassPlan {
     pub first: Option<VisibleSet>,
     /// With occlusion culling leaves that are tested piece by piece if they wait. Needs [`crate::gpu::Renderer::keep_pieces`].
     pub in_pieces: VisibleSet,
-    /// What is tested once this round is drawn, where nothing of it waits.
+    /// What is tested once this round is drawn, or against those that are drawn at once.
     pub bounds: Vec<Bound>,
     /// Opaque and masked leaves of which a pixel is looked for once this round is drawn, where nothing is tested or counted then.
     pub look_for: VisibleSet,
@@ -156,7 +156,7 @@ pub struct PassResult {
     pub seen: Option<VisibleSet>,
     /// And of what waited, what was drawn.
     pub late: VisibleSet,
-    /// Of each of the plan's bounds whether it is seen beyond what is drawn.
+    /// Of each of the plan's bounds whether it is seen beyond what is drawn, or drawn at once.
     pub bounds_seen: Vec<bool>,
     /// Of each of the plan's footprints.
     pub counts: Vec<Counts>,
@@ -173,6 +173,14 @@ pub struct Times {
     pub draw_us: f64,
     /// To test boxes, by the GPU's clock.
     pub test_us: f64,
+}
+
+impl std::ops::AddAssign for Times {
+    fn add_assign(&mut self, other: Self) {
+        self.plan_us += other.plan_us;
+        self.draw_us += other.draw_us;
+        self.test_us += other.test_us;
+    }
 }
 
 impl Times {

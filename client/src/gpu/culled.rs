@@ -64,10 +64,13 @@ impl Renderer {
     pub(super) fn draw_culled(&mut self, at: usize, pass: &PassPlan, first: &VisibleSet) -> Result<PassResult, GpuError> {
         let (late_draws, late_batches) = self.list_turns(pass, first);
         let boxes = self.list_boxes_to_test(at, pass, late_draws);
+        let draws = self.list.arguments.len() as u32;
+        let boxes = self.list_bounds(at, pass, boxes, draws);
         self.hand_over(at, pass, true)?;
-        self.hand_over_boxes(at, boxes, self.list.arguments.len() as u32)?;
+        self.hand_over_boxes(at, boxes, draws + pass.bounds.len() as u32)?;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pass") });
-        self.encode(&self.targets[at], &mut encoder, (Load::Clear, Some(Pass::Draws)), 0..late_batches);
+        let load = if pass.round == 0 { Load::Clear } else { Load::Keep };
+        self.encode(&self.targets[at], &mut encoder, (load, Some(Pass::Draws)), 0..late_batches);
         self.encode_tests(at, &mut encoder, pass.test, true);
         let late = late_batches..self.list.batches.len();
         self.encode(&self.targets[at], &mut encoder, (Load::Keep, Some(Pass::Second)), late);
@@ -150,6 +153,8 @@ impl Renderer {
                 result.hidden_triangles += u64::from(triangles);
             }
         }
+        let of_bounds = self.culling.seen.iter().skip(first.tested.len()).zip(&first.untested);
+        result.bounds_seen.extend(of_bounds.map(|(word, is_untested)| word & BOX_IS_SEEN != 0 || *is_untested));
         seen.normalize();
         late.normalize();
         (result.seen, result.late) = (Some(seen), late);

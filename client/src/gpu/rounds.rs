@@ -22,7 +22,10 @@ impl Renderer {
         self.list_leaves(pass, pass.opaque.leaves(), turn);
         self.list_boxes(pass);
         self.list_leaves(pass, pass.blended.iter().copied(), turn);
-        let boxes = self.list_bounds(at, pass);
+        let mut boxes = std::mem::take(&mut self.culling.boxes);
+        boxes.clear();
+        boxes.extend((0..).zip(pass.look_for.leaves()).map(|(number, leaf)| TestBox::none(number).of_leaf(leaf, false)));
+        let boxes = self.list_bounds(at, pass, boxes, 0);
         let have_tests = !boxes.is_empty() && pass.look_for.is_empty();
         self.hand_over(at, pass, true)?;
         let asked = if pass.look_for.is_empty() { pass.bounds.len() as u32 } else { pass.look_for.len() };
@@ -73,19 +76,16 @@ impl Renderer {
         Ok(())
     }
 
-    /// The boxes of a round's bounds. Those that reach the near plane are seen.
-    fn list_bounds(&mut self, at: usize, pass: &PassPlan) -> Vec<TestBox> {
+    /// Adds the boxes of a plan's bounds, whose answers begin with that number. Those that reach the near plane are seen.
+    pub(super) fn list_bounds(&mut self, at: usize, pass: &PassPlan, mut boxes: Vec<TestBox>, answers: u32) -> Vec<TestBox> {
         let target = &mut self.targets[at];
         let grower = Grower::new(&pass.projection, target.size_px);
-        let mut boxes = std::mem::take(&mut self.culling.boxes);
-        boxes.clear();
-        boxes.extend((0..).zip(pass.look_for.leaves()).map(|(number, leaf)| TestBox::none(number).of_leaf(leaf, false)));
         let Some(first) = &mut target.first else { return boxes };
         let mut untested = std::mem::take(&mut first.untested);
         untested.clear();
         let eye = pass.projection.eye;
         let mut of_world: Option<u32> = None;
-        for (number, bound) in (0..).zip(&pass.bounds) {
+        for (number, bound) in (answers..).zip(&pass.bounds) {
             let (bounds, record, scale, is_mirrored) = match *bound {
                 Bound::World(bounds) => {
                     let record = *of_world.get_or_insert_with(|| {
@@ -105,7 +105,7 @@ impl Renderer {
             };
             let clip_from_local = glam::Mat4::from_cols_array(&self.list.records[record as usize]);
             let grown = grower.test(&bounds, &clip_from_local, &scale);
-            boxes.extend(grown.map(|grown| TestBox::new(grown, record, number, is_mirrored)));
+            boxes.extend(grown.map(|grown| TestBox::new(grown, record, number, is_mirrored).asked()));
             untested.push(grown.is_none());
         }
         if let Some(first) = &mut self.targets[at].first {

@@ -17,11 +17,15 @@ pub(super) struct TestBox {
     max: [f32; 3],
     draw: u32,
     is_mirrored: u32,
-    is_late: u32,
+    waits: u32,
     leaf: u32,
     unused: u32,
 }
 const _: () = assert!(size_of::<TestBox>() == 48);
+
+/// What waits for a box: the shaders' words.
+const DRAW_WAITS: u32 = 1;
+const ASKED: u32 = 2;
 
 /// Grows boxes for one view.
 #[derive(Clone, Copy, Debug)]
@@ -103,8 +107,13 @@ impl TestBox {
         Self { draw, ..Self::zeroed() }
     }
 
+    /// For its own sake.
+    pub fn asked(self) -> Self {
+        Self { waits: ASKED, ..self }
+    }
+
     /// Of a leaf, whose draw waits for what comes of it if it is late.
     pub fn of_leaf(self, leaf: u32, is_late: bool) -> Self {
-        Self { leaf, is_late: u32::from(is_late), ..self }
+        Self { leaf, waits: if is_late { DRAW_WAITS } else { 0 }, ..self }
     }
 }

@@ -1,8 +1,10 @@
 //! Leaving out what others hide (Bartz, Meißner, Hüttner 1999). Pure: what is to be drawn and asked for, no GPU.
 
+mod groups;
 pub mod pieces;
 pub mod rounds;
 pub mod tree;
+mod turns;
 pub mod view;
 pub mod worth;
 
@@ -34,7 +36,8 @@ pub enum Occlusion {
     /// ([`TileSession::counted`](crate::tile_session::TileSession::counted)).
     Adaptive,
     /// What had a pixel in the last frame is drawn at once; boxes of all else are tested against a pyramid of its depths on the GPU, those that
-    /// it leaves open are drawn against them, and what is seen is drawn after it. Where the GPU cannot, all is drawn.
+    /// it leaves open are drawn against them, and what is seen is drawn after it. Of many leaves those that stay hidden are tested
+    /// together; where they come out after all, that takes a further pass. Where the GPU cannot, all is drawn.
     Hiz,
 }
 

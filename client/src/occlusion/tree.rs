@@ -41,8 +41,7 @@ impl VisibleTree {
     pub fn build(&mut self, leaves: impl Iterator<Item = u32>, records: &[LeafRecord], transforms: &[Transform]) {
         self.nodes.clear();
         self.nodes.extend(leaves.map(|leaf| {
-            let record = &records[leaf as usize];
-            let bounds = bounds_of(&record.local_aabb(), &transforms[record.object.0 as usize].affine());
+            let bounds = leaf_bounds(&records[leaf as usize], transforms);
             Node { bounds, first: leaf, children: 0, key: leaf, level: 0 }
         }));
         let (mut begin, mut level) = (0, 0);
@@ -100,11 +99,16 @@ impl VisibleTree {
     }
 }
 
+/// What a leaf is in, in the world, metres.
+pub(super) fn leaf_bounds(record: &LeafRecord, transforms: &[Transform]) -> Aabb {
+    bounds_of(&record.local_aabb(), &transforms[record.object.0 as usize].affine())
+}
+
 /// In the world, larger by what a GPU may round the leaf's vertices.
 fn bounds_of(local: &Aabb, world_from_local: &DAffine3) -> Aabb {
     let rounded_m = local.rounding_m(axis_lengths(&world_from_local.matrix3));
     let bounds = local.transformed(world_from_local);
-    Aabb { min: bounds.min - rounded_m, max: bounds.max + rounded_m }
+    bounds.grown(rounded_m)
 }
 
 #[cfg(test)]

@@ -1,12 +1,13 @@
 //! A view's culling, from frame to frame and round to round.
 
 use glam::DAffine3;
-use mullion_common::visible_set::{LeafRange, VisibleSet};
+use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::{Projection, ViewId};
 
 use super::rounds::{Order, Round, Rounds, Subject};
+use super::turns::InTurns;
 use super::unit::{Counts, Footprint, contribution, contribution_as_printed};
-use super::worth::{Budget, Outcome, Worth};
+use super::worth::{Budget, Worth};
 use super::{Adaptive, BoxTest, Occlusion};
 use crate::frame::{FrameInput, PassPlan, PassResult, Times};
 
@@ -32,43 +33,10 @@ struct Look {
     blended: Vec<u32>,
 }
 
-/// Leaves whose boxes say too little of them: those were seen, but no pixel of the leaves.
-#[derive(Debug, Default)]
-struct Coarse {
-    leaves: VisibleSet,
-    turn: u32,
-    /// What is left of them and of those that were drawn without a pixel.
-    left: VisibleSet,
-}
-
-impl Coarse {
-    /// One in so many is tested by its box again, frame by frame: that may be enough by now.
-    const PERIOD: u32 = 32;
-
-    /// Takes what was drawn, at once and late, and of what there was a pixel.
-    fn note(&mut self, first: Option<&VisibleSet>, late: &VisibleSet, seen: &VisibleSet) {
-        self.turn = (self.turn + 1) % Self::PERIOD;
-        let drawn = first.into_iter().chain([late]).flat_map(VisibleSet::ranges);
-        drawn.for_each(|range| self.leaves.push_unordered(*range));
-        self.leaves.normalize();
-        self.leaves.difference_into(seen, &mut self.left);
-        self.leaves.clear();
-        let kept = self.left.leaves().filter(|leaf| leaf % Self::PERIOD != self.turn);
-        kept.for_each(|leaf| self.leaves.push(LeafRange::new(leaf, leaf + 1)));
-    }
-}
-
 #[derive(Debug)]
 enum State {
-    /// Two turns of one round: what was seen in the last frame, where that is known.
-    Turns {
-        seen: Option<VisibleSet>,
-        /// What was seen, and what is likely to be.
-        likely: VisibleSet,
-        coarse: Coarse,
-        /// None: it is always on.
-        worth: Option<Worth>,
-    },
+    /// Two turns, and rarely another.
+    Turns(Box<InTurns>),
     Rounds(Box<InRounds>),
 }
 
@@ -91,9 +59,7 @@ impl CulledView {
     /// `worth`: judges whether two turns are left off for a while.
     pub fn new(view: ViewId, occlusion: Occlusion, worth: Option<Worth>, adaptive: Option<Adaptive>) -> Self {
         let state = match occlusion {
-            Occlusion::Off | Occlusion::Hiz => {
-                State::Turns { seen: None, likely: VisibleSet::default(), coarse: Coarse::default(), worth }
-            }
+            Occlusion::Off | Occlusion::Hiz => State::Turns(Box::new(InTurns::new(worth))),
             _ => State::Rounds(Box::new(InRounds {
                 rounds: Rounds::default(),
                 adaptive,
@@ -120,29 +86,9 @@ impl CulledView {
         }
         let first = pass.first.take();
         match &mut self.state {
-            State::Turns { seen, likely, coarse, worth } => {
-                if let Some(worth) = worth
-                    && !worth.is_on()
-                {
-                    *seen = None;
-                    coarse.leaves.clear();
-                    pass.is_timed = worth.is_measured();
-                    return;
-                }
-                let mut first = first.unwrap_or_default();
+            State::Turns(state) => {
                 let of_view = input.views.iter().find(|view| view.view == self.view);
-                match (seen, of_view.and_then(|view| view.occluders)) {
-                    (Some(seen), Some(occluders)) => {
-                        seen.union_into(occluders, likely);
-                        pass.opaque.intersection_into(likely, &mut first);
-                    }
-                    (Some(known), None) => pass.opaque.intersection_into(known, &mut first),
-                    (None, Some(likely)) => pass.opaque.intersection_into(likely, &mut first),
-                    // All at once in the first frame: what they hide is known in the next.
-                    (None, None) => first.clone_from(&pass.opaque),
-                }
-                pass.in_pieces.clone_from(&coarse.leaves);
-                (pass.first, pass.test) = (Some(first), BoxTest::Sifted);
+                state.begin(input, of_view.and_then(|view| view.occluders), first.unwrap_or_default(), pass);
             }
             State::Rounds(state) => {
                 let subject = Subject {
@@ -177,23 +123,10 @@ impl CulledView {
     /// Takes what came of a round. Whether there is another, which the pass then is.
     pub fn go_on(&mut self, result: &PassResult, pass: &mut PassPlan) -> bool {
         match &mut self.state {
-            State::Turns { seen, coarse, worth, .. } => {
-                if let Some(now) = &result.seen {
-                    coarse.note(pass.first.as_ref(), &result.late, now);
-                    seen.get_or_insert_default().clone_from(now);
-                    let (drawn, hidden) = (result.triangles, result.hidden_triangles);
-                    if let Some(worth) = worth {
-                        worth.note(Outcome { drawn, hidden, times: result.times });
-                    }
-                } else if let (Some(worth), Some(times)) = (worth, result.times) {
-                    worth.note_without(result.triangles, times);
-                }
-                false
-            }
+            State::Turns(state) => state.go_on(result, pass),
             State::Rounds(state) => {
                 if let Some(times) = result.times {
-                    let sum = state.times.get_or_insert_default();
-                    (sum.draw_us, sum.test_us) = (sum.draw_us + times.draw_us, sum.test_us + times.test_us);
+                    *state.times.get_or_insert_default() += times;
                 }
                 state.take(result);
                 result.seen.as_ref().inspect(|with_pixel| state.rounds.note_pixels(with_pixel));

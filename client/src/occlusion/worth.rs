@@ -58,8 +58,8 @@ impl Default for Worth {
 pub struct Outcome {
     /// Triangles drawn.
     pub drawn: u64,
-    /// Triangles left out.
-    pub hidden: u64,
+    /// Triangles in the view.
+    pub all: u64,
     /// Where the GPU has a clock.
     pub times: Option<Times>,
 }
@@ -90,7 +90,7 @@ impl Worth {
         if self.frames <= WARM_UP {
             return;
         }
-        let (drawn, all) = (outcome.drawn as f64, (outcome.drawn + outcome.hidden) as f64);
+        let (drawn, all) = (outcome.drawn as f64, outcome.all as f64);
         let (with_us, without_us) = match outcome.times {
             Some(times) => {
                 let alike_us = times.plan_us + times.draw_us * all / drawn.max(1.0);
@@ -208,7 +208,7 @@ mod tests {
             let draw_us = self.always_us + drawn as f64;
             if is_on {
                 let times = self.has_clock.then_some(Times { plan_us: self.plan_us, draw_us, test_us: self.test_us });
-                worth.note(Outcome { drawn, hidden: self.hidden, times });
+                worth.note(Outcome { drawn, all: 1000, times });
             } else if worth.is_measured() && self.has_clock {
                 worth.note_without(drawn, Times { draw_us, ..Times::default() });
             }

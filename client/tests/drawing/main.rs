@@ -8,4 +8,5 @@ mod looks;
 mod occlusion;
 mod parts;
 mod several;
+mod sleeping;
 mod unit;

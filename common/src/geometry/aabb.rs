@@ -57,6 +57,11 @@ impl Aabb {
         Self { min: self.min + by, max: self.max + by }
     }
 
+    /// The same box, `by_m` metres larger on every side.
+    pub fn grown(&self, by_m: f64) -> Self {
+        Self { min: self.min - by_m, max: self.max + by_m }
+    }
+
     /// Its eight corners; bit 0 of the index chooses x, bit 1 y, bit 2 z.
     pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|i| {

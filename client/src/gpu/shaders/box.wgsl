@@ -9,11 +9,13 @@ struct Box {
     draw: u32,
     // Not 0: the object's transform turns the winding around.
     is_mirrored: u32,
-    // Not 0: the draw waits for what comes of this.
-    is_late: u32,
+    // Whether its draw waits for what comes of this, or nothing but who asked. 0: nothing does.
+    waits: u32,
     leaf: u32,
     unused: u32,
 }
+
+const DRAW_WAITS: u32 = 1u;
 
 // Interpolated depths of a box and of what it holds differ by the last bits: a box that is hidden by less than this share is seen.
 override DEPTH_SLACK: f32;

@@ -15,7 +15,7 @@ fn release(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let tested = boxes[id.x];
-    if tested.is_late != 0u {
+    if tested.waits == DRAW_WAITS {
         arguments[tested.draw * WORDS + 1u] = is_seen[tested.draw];
     }
 }

@@ -73,7 +73,7 @@ fn sift(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let bounds = boxes[id.x];
-    if (work.picture == 0u || bounds.is_late != 0u) && !is_hidden(bounds) {
+    if (work.picture == 0u || bounds.waits != 0u) && !is_hidden(bounds) {
         chosen[atomicAdd(&arguments[1], 1u)] = id.x;
     }
 }
