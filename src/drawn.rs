@@ -53,7 +53,7 @@ pub struct Drawn {
     pub triangles: u64,
     /// Boxes that were tested or counted.
     pub tests: u32,
-    /// How long the GPU was drawing, where it has a clock and something was tested.
+    /// How long the GPU was drawing, where it has a clock and something was tested or timed.
     pub draw_us: Option<f64>,
     /// And how long it was testing.
     pub test_us: f64,

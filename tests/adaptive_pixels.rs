@@ -158,7 +158,7 @@ fn show(gpu: &Arc<Gpu>, plan: Plan) -> ([RgbaImage; 2], Vec<u32>) {
 
 /// A node until the show ends; its last picture.
 fn draw(node: String, gpu: Arc<Gpu>, master: String, occlusion: Occlusion) -> RgbaImage {
-    let mut painter = GpuPainter::new(gpu, Output::Keep).culling(occlusion);
+    let mut painter = GpuPainter::new(gpu, Output::Keep).culling(occlusion).always();
     let options = NodeOptions {
         reconnect: Reconnect { give_up_after: Some(Duration::from_secs(5)), ..Reconnect::default() },
         ..NodeOptions::plain(&node, master)

@@ -54,7 +54,7 @@ impl Node {
     }
 
     fn culling(gpu: &Arc<Gpu>, package: &Package, (views, blobs): (&[ViewSpec], usize), occlusion: Occlusion) -> Self {
-        let mut painter = GpuPainter::new(Arc::clone(gpu), Output::Keep).culling(occlusion);
+        let mut painter = GpuPainter::new(Arc::clone(gpu), Output::Keep).culling(occlusion).always();
         painter.open_scene(&Arc::new(package.scene.manifest.clone()), views).expect("opened");
         if let Some(tessellation) = &package.scene.tessellation {
             painter.take_tessellation(tessellation).expect("taken");

@@ -45,7 +45,7 @@ fn world_from_room(package: &Package) -> DAffine3 {
 
 /// A node's painter with all chunks, of some views of a wall.
 fn painter(gpu: &Arc<Gpu>, package: &Package, views: &[ViewSpec], occlusion: Occlusion) -> GpuPainter {
-    let mut painter = GpuPainter::new(Arc::clone(gpu), Output::Keep).culling(occlusion);
+    let mut painter = GpuPainter::new(Arc::clone(gpu), Output::Keep).culling(occlusion).always();
     painter.open_scene(&Arc::new(package.scene.manifest.clone()), views).expect("opened");
     painter.take_tessellation(package.scene.tessellation.as_ref().expect("it is there")).expect("taken");
     for chunk in (0..package.scene.manifest.chunks.len() as u32).map(ChunkId) {

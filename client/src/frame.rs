@@ -90,7 +90,7 @@ pub struct PassPlan {
     pub first: Option<VisibleSet>,
     /// With occlusion culling leaves that are tested piece by piece if they wait. Needs [`crate::gpu::Renderer::keep_pieces`].
     pub in_pieces: VisibleSet,
-    /// What is tested once this round is drawn, or against those that are drawn at once.
+    /// Tested against what this round draws, or in two turns against `first`.
     pub bounds: Vec<Bound>,
     /// Opaque and masked leaves of which a pixel is looked for once this round is drawn, where nothing is tested or counted then.
     pub look_for: VisibleSet,
@@ -156,7 +156,7 @@ pub struct PassResult {
     pub seen: Option<VisibleSet>,
     /// And of what waited, what was drawn.
     pub late: VisibleSet,
-    /// Of each of the plan's bounds whether it is seen beyond what is drawn, or drawn at once.
+    /// Of each of the plan's bounds whether it is seen beyond what it is tested against, or could not be tested.
     pub bounds_seen: Vec<bool>,
     /// Of each of the plan's footprints.
     pub counts: Vec<Counts>,
@@ -164,7 +164,7 @@ pub struct PassResult {
     pub times: Option<Times>,
 }
 
-/// What a pass took, microseconds.
+/// What a pass took, microseconds. To look for pixels, and to read what came of it, is not counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Times {
     /// To list, to encode and to hand over, by the CPU's clock.

@@ -45,6 +45,8 @@ pub struct GpuPainter {
     output: Output,
     scene: Option<OpenScene>,
     occlusion: Occlusion,
+    /// It is not left off where it does not pay.
+    always: bool,
     planner: Planner,
     shown: u64,
 }
@@ -98,13 +100,19 @@ fn projection(spec: &ViewSpec, eye: DVec3, world_from_room: &DAffine3) -> Projec
 impl GpuPainter {
     /// A painter without a scene.
     pub fn new(gpu: Arc<Gpu>, output: Output) -> Self {
-        Self { gpu, output, scene: None, occlusion: Occlusion::Off, planner: Planner::new(), shown: 0 }
+        Self { gpu, output, scene: None, occlusion: Occlusion::Off, always: false, planner: Planner::new(), shown: 0 }
     }
 
     /// The same with occlusion culling.
     #[must_use]
     pub fn culling(self, occlusion: Occlusion) -> Self {
-        Self { occlusion, planner: Planner::new().culling(occlusion).while_worth(), ..self }
+        Self { occlusion, ..self }
+    }
+
+    /// The same, that does not leave it off where it does not pay.
+    #[must_use]
+    pub fn always(self) -> Self {
+        Self { always: true, ..self }
     }
 
     /// What each tile shows, by name; none before the first frame was shown.
@@ -153,7 +161,8 @@ impl Painter for GpuPainter {
         if occlusion == Occlusion::Hiz {
             renderer.keep_pieces();
         }
-        self.planner = Planner::new().culling(occlusion).while_worth();
+        let planner = Planner::new().culling(occlusion);
+        self.planner = if self.always { planner } else { planner.while_worth() };
         if let Output::OwnWindow(feed) = &self.output {
             feed.lay_out(layout::lay_out(views)).map_err(|_| PaintError::Closed)?;
         }

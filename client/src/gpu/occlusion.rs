@@ -79,7 +79,7 @@ pub(super) struct First {
     box_count: u32,
     /// By draw, with draws that wait; none for what is in the place of a leaf.
     pub tested: Vec<Option<Tested>>,
-    /// By bound of a round: it reaches the near plane.
+    /// By bound: it reaches the near plane.
     pub untested: Vec<bool>,
 }
 

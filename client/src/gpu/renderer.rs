@@ -24,7 +24,8 @@ use super::upload::{self, Materials, UploadError};
 use crate::frame::{FramePlan, PassPlan, PassResult, PassResults};
 use crate::occlusion::pieces::pieces;
 
-/// Most leaves of a view that are drawn with occlusion culling: their boxes fit any GPU's buffers and dispatches. More are drawn without.
+/// Most leaves and bounds of a view that are drawn with occlusion culling: their boxes fit any GPU's buffers and dispatches. More are drawn
+/// without.
 const MAX_CULLED: usize = 1 << 21;
 
 /// A view to draw, and how large.
@@ -206,7 +207,7 @@ impl Renderer {
     }
 
     /// Draws every pass of the plan. Returns when the GPU has its work, not when it is done: see
-    /// [`Renderer::wait`]; with occlusion culling when it is done. Leaves whose geometry is not resident are skipped.
+    /// [`Renderer::wait`]; with occlusion culling, or where it is timed, when it is done. Leaves whose geometry is not resident are skipped.
     ///
     /// # Errors
     /// When a pass names a view that is not this renderer's, is larger than the GPU's limits, or in rounds where [`Renderer::can_cull`] is
@@ -220,7 +221,7 @@ impl Renderer {
             let began = Instant::now();
             let at = self.targets.iter().position(|t| t.view == pass.view).ok_or(GpuError::UnknownView(pass.view.0))?;
             let result = match &pass.first {
-                Some(first) if can_cull && pass.opaque.len() as usize + pass.blended.len() <= MAX_CULLED => {
+                Some(first) if can_cull && pass.opaque.len() as usize + pass.blended.len() + pass.bounds.len() <= MAX_CULLED => {
                     self.prepare_culling(at)?;
                     self.draw_culled(at, pass, first)?
                 }

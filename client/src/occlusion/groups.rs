@@ -16,6 +16,8 @@ use crate::frame::Bound;
 const GROUP: u32 = 16;
 /// Leaves that are not drawn at once below which groups do not pay: to list them all takes less than a further pass now and then.
 const FEW: u32 = 2048;
+/// Leaves that sleep at most: should they all wake, a pass can take them.
+const MOST_ASLEEP: u32 = 1 << 20;
 /// By how much of its distance the wider box is wider, on each side: what is behind things comes out as the eye moves past them.
 const MARGIN: f64 = 0.01;
 /// One in so many groups that are awake is asked for in a frame.
@@ -76,19 +78,28 @@ impl Groups {
         }
         self.sleeps.resize(standing.records.len().div_ceil(GROUP as usize), false);
         self.listed.clear();
+        let (mut asleep, mut passed) = (0, 0);
         let mut firsts = first.ranges();
         let mut ranges = opaque.ranges().iter().copied().peekable();
         while let Some(group) = ranges.peek().map(|range| range.start / GROUP) {
             let end = (group + 1) * GROUP;
             firsts = &firsts[firsts.partition_point(|range| range.end <= group * GROUP)..];
             let has_first = firsts.first().is_some_and(|range| range.start < end);
-            let sleeps = self.sleeps[group as usize] && !has_first;
+            let sleeps = self.sleeps[group as usize] && !has_first && asleep + GROUP <= MOST_ASLEEP;
+            // What comes into view is awake.
+            self.sleeps[passed as usize..group as usize].fill(false);
+            passed = group + 1;
             let is_asked = sleeps || !has_first && group % PERIOD == self.frame % PERIOD;
             self.sleeps[group as usize] = sleeps;
             let mut own: Option<Aabb> = None;
             while let Some(range) = ranges.peek_mut().filter(|range| range.start < end) {
                 let part = LeafRange::new(range.start, range.end.min(end));
-                if sleeps { &mut self.asleep } else { &mut self.listed }.push(part);
+                if sleeps {
+                    self.asleep.push(part);
+                    asleep += part.len();
+                } else {
+                    self.listed.push(part);
+                }
                 if is_asked {
                     let of_leaves =
                         (part.start..part.end).map(|leaf| leaf_bounds(&standing.records[leaf as usize], standing.transforms));
@@ -105,6 +116,7 @@ impl Groups {
                 bounds.push(Bound::World(own.grown(MARGIN * standing.eye.distance(own.center()))));
             }
         }
+        self.sleeps[passed as usize..].fill(false);
         std::mem::swap(opaque, &mut self.listed);
     }
 

@@ -137,13 +137,13 @@ impl SoFar {
         self.times += result.times.unwrap_or_default();
     }
 
-    /// Makes a pass one that draws what is woken beyond what is there, as far as that is seen. Nothing opaque can come before what is blended:
-    /// where there is any, what was drawn is drawn once more.
+    /// Makes a pass one that draws what is woken beyond what is there, as far as that is seen. Leaves come before boxes and what is
+    /// blended: where there is any of that, what was drawn is drawn once more.
     fn go_on(&mut self, result: &PassResult, pass: &mut PassPlan) {
         let first = pass.first.get_or_insert_default();
         pass.bounds.clear();
         match &result.seen {
-            Some(seen) if pass.blended.is_empty() => {
+            Some(seen) if pass.blended.is_empty() && pass.boxes.is_empty() => {
                 self.seen.clone_from(seen);
                 pass.round += 1;
                 first.clear();

@@ -35,7 +35,7 @@ struct Look {
 
 #[derive(Debug)]
 enum State {
-    /// Two turns, and rarely another.
+    /// Two turns, and rarely another pass.
     Turns(Box<InTurns>),
     Rounds(Box<InRounds>),
 }

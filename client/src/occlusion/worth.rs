@@ -4,16 +4,20 @@ use crate::frame::Times;
 
 /// Frames that are looked at before a judgement.
 const WINDOW: u32 = 3;
-/// Frames that it is left off after a first judgement, and at most: each further one doubles them.
+/// So many frames later it is on again after a first judgement, and at most: each further one doubles them.
 const FIRST_PAUSE: u32 = 96;
 const LONGEST_PAUSE: u32 = 768;
-/// So many times as long as without: then the frames that were looked at are enough.
+const _: () = assert!(MEASURED < FIRST_PAUSE);
+/// So many times as long as without: then two frames that were looked at are enough.
 const FAR_TOO_LONG: f64 = 1.25;
 /// Frames after a pause that say nothing: in the first all is drawn, to know what is seen.
 const WARM_UP: u32 = 1;
 /// Of a pause the last frames, in which it is measured what a frame takes without: the quickest is believed, others were disturbed.
 const MEASURED: u32 = 3;
-/// Frames with it after which it is measured anew what one takes without, where less than this share is saved: then nobody sees it.
+/// It is measured anew where there are so many times as many triangles as then: what a frame takes at least was counted for each of few. So
+/// that happens a few times at most, as a scene comes.
+const MANY_MORE: f64 = 2.0;
+/// And after so many frames with it, where less than this share is saved: then nobody sees it.
 const RENEWED: u32 = 512;
 const LITTLE: f64 = 0.2;
 /// Where the GPU has no clock: the share of triangles that must be hidden.
@@ -25,31 +29,30 @@ const LEAST_HIDDEN: f64 = 0.25;
 /// more than if those that are hidden took as long as those that were drawn: they are the farther ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Worth {
-    /// Frames for which it is left off still.
+    /// It is on again so many frames later.
     pause: u32,
     last_pause: u32,
     /// Frames with it since the last pause, or the last judgement.
     frames: u32,
     /// Frames with it since the last pause.
     since_pause: u32,
-    /// Of a triangle in the view, in frames without.
-    us_per_triangle: Option<f64>,
-    without_us: f64,
-    with_us: f64,
+    /// Of frames without.
+    known: Option<Known>,
+    /// Of the frames that are looked at, which are disturbed, too: the least share of what one takes without.
+    least: f64,
+}
+
+/// What is known of frames without.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Known {
+    us_per_triangle: f64,
+    triangles: u64,
 }
 
 impl Default for Worth {
     /// Begins with frames without.
     fn default() -> Self {
-        Self {
-            pause: MEASURED + 1,
-            last_pause: 0,
-            frames: 0,
-            since_pause: 0,
-            us_per_triangle: None,
-            without_us: 0.0,
-            with_us: 0.0,
-        }
+        Self { pause: MEASURED + 1, last_pause: 0, frames: 0, since_pause: 0, known: None, least: f64::INFINITY }
     }
 }
 
@@ -78,9 +81,10 @@ impl Worth {
 
     /// Takes what a frame took that was drawn without.
     pub fn note_without(&mut self, triangles: u64, times: Times) {
-        let us = times.all_us() / triangles.max(1) as f64;
-        let known = self.us_per_triangle.filter(|_| self.pause < MEASURED);
-        self.us_per_triangle = Some(known.map_or(us, |known| known.min(us)));
+        let us_per_triangle = times.all_us() / triangles.max(1) as f64;
+        let before = self.known.filter(|_| self.pause < MEASURED);
+        let quickest = before.map_or(us_per_triangle, |before| before.us_per_triangle.min(us_per_triangle));
+        self.known = Some(Known { us_per_triangle: quickest, triangles });
     }
 
     /// Takes what came of a frame that was drawn with it.
@@ -94,25 +98,31 @@ impl Worth {
         let (with_us, without_us) = match outcome.times {
             Some(times) => {
                 let alike_us = times.plan_us + times.draw_us * all / drawn.max(1.0);
-                (times.all_us(), self.us_per_triangle.map_or(alike_us, |us| alike_us.min(us * all)))
+                (times.all_us(), self.known.map_or(alike_us, |known| alike_us.min(known.us_per_triangle * all)))
             }
             None => (drawn + all * LEAST_HIDDEN, all),
         };
-        self.with_us += with_us;
-        self.without_us += without_us;
-        if self.frames == WARM_UP + WINDOW || self.with_us > self.without_us * FAR_TOO_LONG {
-            let (with_us, without_us) = (std::mem::take(&mut self.with_us), std::mem::take(&mut self.without_us));
-            self.frames = WARM_UP;
-            if with_us >= without_us {
-                self.last_pause = (self.last_pause * 2).clamp(FIRST_PAUSE, LONGEST_PAUSE);
-                (self.pause, self.frames, self.since_pause) = (self.last_pause, 0, 0);
-            } else {
-                self.last_pause = 0;
-                if self.since_pause >= RENEWED && with_us > without_us * (1.0 - LITTLE) {
-                    (self.pause, self.frames, self.since_pause) = (MEASURED + 1, 0, 0);
-                }
-            }
+        self.least = self.least.min(with_us / without_us);
+        let looked_at = self.frames - WARM_UP;
+        if looked_at < WINDOW && (looked_at == 1 || self.least < FAR_TOO_LONG) {
+            return;
         }
+        let least = std::mem::replace(&mut self.least, f64::INFINITY);
+        let many_more = |known: Known| all > known.triangles as f64 * MANY_MORE;
+        if least < 1.0 {
+            self.last_pause = 0;
+            self.frames = WARM_UP;
+            if self.known.is_some_and(many_more) || self.since_pause >= RENEWED && least > 1.0 - LITTLE {
+                self.leave_off(MEASURED + 1);
+            }
+        } else {
+            self.last_pause = (self.last_pause * 2).clamp(FIRST_PAUSE, LONGEST_PAUSE);
+            self.leave_off(self.last_pause);
+        }
+    }
+
+    fn leave_off(&mut self, pause: u32) {
+        (self.pause, self.frames, self.since_pause) = (pause, 0, 0);
     }
 }
 
@@ -261,12 +271,32 @@ mod tests {
     }
 
     #[test]
+    fn a_scene_that_comes_late_is_measured_once_it_is_there() {
+        // What always takes long was counted for twelve triangles.
+        let mut worth = Worth::default();
+        for _ in 0..=MEASURED {
+            if !worth.is_on() {
+                worth.note_without(12, Times { draw_us: 10_012.0, ..Times::default() });
+            }
+        }
+        let costly = Drawing { hidden: 800, always_us: 10_000.0, test_us: 1000.0, ..DRAWING };
+        let on = (0..4000).filter(|_| costly.draw(&mut worth)).count();
+        assert!(on < 100, "{on}");
+    }
+
+    #[test]
     fn one_frame_that_was_disturbed_is_not_believed() {
         let mut worth = Worth::default();
         let costly = Drawing { hidden: 800, always_us: 10_000.0, test_us: 1000.0, ..DRAWING };
         let disturbed = Drawing { always_us: 100_000.0, ..costly };
         let on = (0..4000).filter(|frame| if *frame == 0 { disturbed } else { costly }.draw(&mut worth)).count();
         assert!(on < 100, "{on}");
+        // Nor one with it.
+        let much = Drawing { hidden: 600, test_us: 100.0, ..DRAWING };
+        let disturbed = Drawing { always_us: 100_000.0, ..much };
+        let mut worth = Worth::default();
+        let on = (0..4000).filter(|frame| if frame % 7 == 0 { disturbed } else { much }.draw(&mut worth)).count();
+        assert_eq!(on, 4000 - MEASURED as usize);
     }
 
     #[test]

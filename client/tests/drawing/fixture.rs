@@ -330,10 +330,14 @@ impl Picture {
 
 /// A renderer with everything resident that can be.
 pub fn renderer(gpu: &Arc<Gpu>, scene: &Scene, size_px: [u32; 2]) -> Renderer {
+    renderer_of(gpu, scene, &[ViewTarget { view: ViewId(4), size_px }])
+}
+
+/// The same of several views.
+pub fn renderer_of(gpu: &Arc<Gpu>, scene: &Scene, views: &[ViewTarget]) -> Renderer {
     scene.manifest.check().expect("a manifest made here");
-    let views = [ViewTarget { view: ViewId(4), size_px }];
     let manifest = Arc::new(scene.manifest.clone());
-    let mut renderer = Renderer::new(Arc::clone(gpu), manifest, &views, Attachments::ColorAndIds).expect("a renderer");
+    let mut renderer = Renderer::new(Arc::clone(gpu), manifest, views, Attachments::ColorAndIds).expect("a renderer");
     renderer.keep_pieces();
     for (i, bytes) in scene.chunks.iter().enumerate() {
         let _ = renderer.upload(ChunkId(i as u32), bytes); // some tests want bad ones

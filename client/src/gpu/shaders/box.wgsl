@@ -16,6 +16,7 @@ struct Box {
 }
 
 const DRAW_WAITS: u32 = 1u;
+const ASKED: u32 = 2u;
 
 // Interpolated depths of a box and of what it holds differ by the last bits: a box that is hidden by less than this share is seen.
 override DEPTH_SLACK: f32;

@@ -1,4 +1,4 @@
-// Whether anything of a leaf's box is seen beyond what was drawn first: one word for each draw.
+// Whether anything of a leaf's box is seen beyond what was drawn first: one word for each draw, and for each bound.
 
 @group(0) @binding(0) var<storage, read> clip_from_local: array<mat4x4f>;
 @group(0) @binding(1) var<storage, read> boxes: array<Box>;

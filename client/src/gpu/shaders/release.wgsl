@@ -28,7 +28,7 @@ fn note(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let tested = boxes[id.x];
-    if last_seen[tested.leaf] == work.picture {
+    if tested.waits != ASKED && last_seen[tested.leaf] == work.picture {
         is_seen[tested.draw] |= HAS_PIXEL;
     }
 }
