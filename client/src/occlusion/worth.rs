@@ -10,6 +10,8 @@ const LONGEST_PAUSE: u32 = 768;
 const _: () = assert!(MEASURED < FIRST_PAUSE);
 /// So many times as long as without: then two frames that were looked at are enough.
 const FAR_TOO_LONG: f64 = 1.25;
+/// Of the time of a pause what is lost by looking after it, at most: the longer it takes, the rarer it is looked.
+const LOST: f64 = 0.02;
 /// Frames after a pause that say nothing: in the first all is drawn, to know what is seen.
 const WARM_UP: u32 = 1;
 /// Of a pause the last frames, in which it is measured what a frame takes without: the quickest is believed, others were disturbed.
@@ -116,7 +118,9 @@ impl Worth {
                 self.leave_off(MEASURED + 1);
             }
         } else {
-            self.last_pause = (self.last_pause * 2).clamp(FIRST_PAUSE, LONGEST_PAUSE);
+            // Where there is nothing to be drawn, nothing is known.
+            let looking = if least.is_finite() { f64::from(self.frames) * (least - 1.0) } else { 0.0 };
+            self.last_pause = (self.last_pause * 2).max((looking / LOST) as u32).clamp(FIRST_PAUSE, LONGEST_PAUSE);
             self.leave_off(self.last_pause);
         }
     }
@@ -257,6 +261,20 @@ mod tests {
             let share = drawing.share();
             assert!(share > 0.005 && share < 0.03, "{share}");
         }
+    }
+
+    #[test]
+    fn what_takes_far_too_long_is_looked_at_rarely() {
+        let mut worth = Worth::default();
+        let dear = Drawing { test_us: 3000.0, ..DRAWING };
+        assert_eq!((0..400).filter(|_| dear.draw(&mut worth)).count(), 3);
+        // But not where there was nothing to be drawn.
+        let mut worth = Worth::default();
+        let nothing = Outcome { drawn: 0, all: 0, times: Some(Times::default()) };
+        let on = (0..400).filter(|_| worth.is_on()).count();
+        assert_eq!(on, 400 - MEASURED as usize);
+        (0..4).for_each(|_| worth.note(nothing));
+        assert_eq!((0..FIRST_PAUSE).filter(|_| worth.is_on()).count(), 1);
     }
 
     #[test]
