@@ -164,10 +164,10 @@ pub struct PassResult {
     pub times: Option<Times>,
 }
 
-/// What a pass took, microseconds. To look for pixels, and to read what came of it, is not counted.
+/// What a pass took, microseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Times {
-    /// To list, to encode and to hand over, by the CPU's clock.
+    /// To list, to encode and to hand over, by the CPU's clock; where all passes of a plan are measured, its share of all else, too.
     pub plan_us: f64,
     /// To draw, by the GPU's clock.
     pub draw_us: f64,

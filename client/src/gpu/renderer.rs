@@ -214,6 +214,7 @@ impl Renderer {
     /// not, or the GPU fails.
     pub fn draw(&mut self, plan: &FramePlan) -> Result<PassResults, GpuError> {
         self.arena.flush(&self.gpu);
+        let started = Instant::now();
         let mut passes = Vec::with_capacity(plan.passes.len());
         let mut awaited = Vec::new();
         let can_cull = self.can_cull();
@@ -237,7 +238,7 @@ impl Renderer {
             }
             passes.push(result);
         }
-        for (at, target, planned) in awaited {
+        for &(at, target, planned) in &awaited {
             let (pass, result) = (&plan.passes[at], &mut passes[at]);
             match pass.first {
                 Some(_) if self.targets[target].is_culled => self.note_seen(target, pass.test, result)?,
@@ -245,6 +246,9 @@ impl Renderer {
                 _ => self.note_times(target, result)?,
             }
             result.times.iter_mut().for_each(|times| times.plan_us = planned.as_secs_f64() * 1e6);
+        }
+        if awaited.len() == passes.len() {
+            share_the_rest(started.elapsed().as_secs_f64() * 1e6, &mut passes);
         }
         self.gpu.check()?;
         Ok(PassResults { passes })
@@ -435,6 +439,13 @@ impl Renderer {
             }
         }
     }
+}
+
+/// Adds to what passes took what nobody measured of all they took together, the same to each: to look for pixels, to wait, to read.
+fn share_the_rest(all_us: f64, passes: &mut [PassResult]) {
+    let measured_us: f64 = passes.iter().filter_map(|pass| pass.times).map(|times| times.all_us()).sum();
+    let rest_us = (all_us - measured_us).max(0.0) / passes.len().max(1) as f64;
+    passes.iter_mut().filter_map(|pass| pass.times.as_mut()).for_each(|times| times.plan_us += rest_us);
 }
 
 /// What a pass begins with.
