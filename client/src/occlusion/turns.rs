@@ -149,7 +149,6 @@ impl SoFar {
                 first.clear();
                 pass.opaque.clone_from(&self.woken);
                 pass.cuts.clear();
-                pass.boxes.clear();
             }
             Some(_) => {
                 first.union_into(&result.late, &mut self.spare);
