@@ -20,18 +20,23 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::{Budget, Detail, DetailWeight, Moved, Primary, ViewSpec};
 use mullion_server::generate::{GeneratedScene, write_glb};
-use mullion_server::prepare::PrepareOptions;
+
 use mullion_server::prepare::lod::{LodOptions, add_hierarchies};
 use mullion_server::prepare::plp::{TessellateOptions, tessellate};
+use mullion_server::prepare::{Placement, PrepareOptions, graft};
 use support::tiled::{TILE_PX, composite, differing, only, specs, wall};
 
 const TRIANGLES: u32 = 6000;
 
 fn package(form: LodForm) -> Package {
+    divided(form, PrepareOptions::default().max_leaf_triangles)
+}
+
+fn divided(form: LodForm, max_leaf_triangles: u32) -> Package {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("planet.glb");
     write_glb(format!("planet:{}", TRIANGLES / 2).parse::<GeneratedScene>().expect("a scene"), 1, &path).expect("written");
-    let mut package = support::package(&path, &PrepareOptions::default());
+    let mut package = support::package(&path, &PrepareOptions { max_leaf_triangles, ..PrepareOptions::default() });
     add_hierarchies(&mut package, &LodOptions { block_vertices: 500, form, ..LodOptions::default() }, &|_, _, _| {})
         .expect("it has triangles");
     package
@@ -290,5 +295,52 @@ fn finest_is_mesh(gpu: &Arc<Gpu>, package: &Package) {
         assert_eq!(fine.draw(9, room(package, 3), Some(detail)).1, 0);
         // And without an order, whatever has come.
         assert_eq!(base.draw(9, room(package, 3), None).1, 0);
+    }
+}
+
+/// Two planets in one place, of which one is drawn from its leaves and the other by its finest cut: as many pixels are either's with occlusion culling
+/// as without, though leaves come late beyond the cut.
+#[test]
+fn where_cuts_and_leaves_coincide_culling_changes_nothing() {
+    if !support::has_gpu() {
+        return;
+    }
+    let gpu = Gpu::open(GpuOptions::default()).expect("a GPU");
+    let red = divided(LodForm::Vertices, 60);
+    let mut blue = red.clone();
+    blue.scene.manifest.materials.iter_mut().for_each(|material| material.base_color = [0.1, 0.2, 0.9, 1.0]);
+    let place = Placement { name: "other".to_owned(), under: None, world_from_root: DAffine3::IDENTITY };
+    let mut both = graft(&red, &blue, &place).expect("joined");
+    add_hierarchies(&mut both, &LodOptions::default(), &|_, _, _| {}).expect("it has triangles");
+    let manifest = &both.scene.manifest;
+    let of_meshes: Vec<ObjectId> = manifest.leaves.iter().map(|leaf| leaf.object).collect();
+    let views = specs(&wall(2));
+    let detail = Detail { triangles: Some(u32::MAX), ..Detail::default() };
+    for object in [of_meshes[0], of_meshes[of_meshes.len() - 1]] {
+        let mut nodes = [Occlusion::Off, Occlusion::Hiz, Occlusion::Query, Occlusion::Paper].map(|occlusion| {
+            let mut node = Node::culling(&gpu, &both, (&views, 0), occlusion);
+            let table = both.scene.hierarchies.preferring(LodForm::Vertices).expect("they are there");
+            let (number, _) = (0..).zip(table.entries()).find(|(_, entry)| entry.objects.contains(&object)).expect("it has one");
+            for blob in table.blobs(number as usize) {
+                assert!(node.painter.take_hierarchy(number, &[object], blob).expect("no failure").is_some());
+            }
+            node
+        });
+        let (mut late, mut of_cuts) = (0, 0);
+        for frame in 0..24 {
+            let room = room(&both, frame * 7);
+            let (plain, all) = nodes[0].draw(frame, room, Some(detail));
+            for node in &mut nodes[1..] {
+                let (culled, drawn) = node.draw(frame, room, Some(detail));
+                for (tile, picture) in &plain {
+                    let wrong = differing(picture, &culled[tile]);
+                    assert_eq!(wrong, 0, "{tile} in frame {frame}, {:?} by its cut", object);
+                }
+                late += u64::from(drawn < all);
+            }
+            let is_blue = |pixel: &&image::Rgba<u8>| pixel[2] > pixel[0];
+            of_cuts += plain.values().flat_map(|picture| picture.pixels()).filter(is_blue).count();
+        }
+        assert!(late > 48 && of_cuts > 0, "{late} {of_cuts} {}", manifest.leaves.len());
     }
 }

@@ -98,7 +98,7 @@ impl Detailing {
         let bytes = hierarchy.memory_bytes();
         if hierarchy.block_count() == 0 {
             let materials: Vec<&Material> = hierarchy.materials().iter().map(|m| &manifest.materials[m.0 as usize]).collect();
-            // Cuts are drawn before all else.
+            // Cuts are drawn among solid leaves.
             if materials.iter().any(|material| material.alpha == AlphaMode::Blend) {
                 tracing::warn!("hierarchy {number}: of a material that blends");
                 self.forget(number);

@@ -100,7 +100,8 @@ pub struct PassPlan {
     pub test: BoxTest,
     /// Whether it is told how long it took, though nothing is tested. It is waited for then.
     pub is_timed: bool,
-    /// Objects that are drawn by their cuts, before all else and whatever hides them. Their leaves are in none of the other lists. Ascending.
+    /// Objects that are drawn by their cuts whatever hides them, each in the place of its first leaf. Their leaves are in none of the other lists.
+    /// Ascending.
     pub cuts: Vec<ObjectId>,
     /// Blended leaves, drawn in this order: back to front, ties by leaf.
     pub blended: Vec<u32>,

@@ -177,8 +177,7 @@ impl Renderer {
         pass.opaque.difference_into(first, &mut late);
         self.list.clear();
         self.pass += 1;
-        self.list_cuts(pass);
-        self.list_leaves(pass, first.leaves(), Turn::First);
+        self.list_solid(pass, first.leaves(), Turn::First);
         self.list.next_turn();
         let begin = (self.list.arguments.len() as u32, self.list.batches.len());
         self.list_leaves(pass, late.leaves(), Turn::Late);
@@ -201,7 +200,8 @@ impl Renderer {
         let mut scale: Option<(u32, LocalScale)> = None;
         let draws = (0..).zip(self.list.instances.iter().zip(&mut self.list.arguments));
         for (draw, (instance, arguments)) in draws {
-            if draw < self.list.cut_draws || self.list.stand_ins.contains(&draw) {
+            let leaf = &self.manifest.leaves[instance.leaf as usize];
+            if self.list.stand_ins.contains(&draw) || pass.cuts.binary_search(&leaf.object).is_ok() {
                 first.tested.push(None);
                 continue;
             }
@@ -212,7 +212,6 @@ impl Renderer {
                 first.tested.push(Some(Tested { leaf: instance.leaf, triangles, is_late, is_seen: false, has_id: true }));
                 continue;
             }
-            let leaf = &self.manifest.leaves[instance.leaf as usize];
             let has_id = self.materials.states[leaf.material.0 as usize].coverage != Coverage::Blended;
             let object = leaf.object.0 as usize;
             let (_, scale) = match scale {

@@ -6,7 +6,7 @@ use mullion_common::scene::{Hierarchy, MaterialId, ObjectId};
 use super::arena::Vertex;
 use super::device::{Gpu, GpuError};
 use super::draws::{GrowingBuffer, Indices, State};
-use super::pipelines::{PipelineKey, Sides};
+use super::pipelines::{PipelineKey, Sides, Turn};
 use super::renderer::Renderer;
 use crate::frame::PassPlan;
 use crate::lod::Cut;
@@ -16,7 +16,7 @@ use crate::lod::Cut;
 pub struct CutObject<'a> {
     /// Which.
     pub object: ObjectId,
-    /// One of its leaves: whose number its pixels bear.
+    /// The first of its leaves: whose number its pixels bear, and in whose place it is drawn.
     pub leaf: u32,
     /// Its mesh.
     pub hierarchy: &'a Hierarchy,
@@ -39,7 +39,7 @@ struct CutDraw {
 pub(super) struct Cuts {
     pub vertices: GrowingBuffer,
     pub indices: GrowingBuffer,
-    /// By object, ascending.
+    /// In the order in which they are drawn: by leaf, ascending.
     draws: Vec<CutDraw>,
     staged_vertices: Vec<Vertex>,
     staged_indices: Vec<u32>,
@@ -99,31 +99,35 @@ impl Renderer {
         cuts.staged_vertices.clear();
         cuts.staged_indices.clear();
         objects.for_each(|object| cuts.stage(&object));
+        cuts.draws.sort_by_key(|draw| draw.leaf);
         let limit = self.gpu.device.limits().max_buffer_size;
         cuts.vertices.write(&self.gpu, bytemuck::cast_slice(&cuts.staged_vertices), limit)?;
         cuts.indices.write(&self.gpu, bytemuck::cast_slice(&cuts.staged_indices), limit)
     }
 
-    /// Lists the cuts that a pass names, before all else.
-    pub(super) fn list_cuts(&mut self, pass: &PassPlan) {
-        for object in &pass.cuts {
-            let start = self.cuts.draws.partition_point(|draw| draw.object < *object);
-            for at in start..self.cuts.draws.len() {
-                let CutDraw { object: of, leaf, material, first_index, index_count, first_vertex } = self.cuts.draws[at];
-                if of != *object {
-                    break;
-                }
-                if index_count == 0 {
-                    continue;
-                }
-                let material = self.materials.states[material.0 as usize];
-                let record = self.record(pass, *object);
-                let sides = Sides::of(material.double_sided, self.mirrored[object.0 as usize]);
-                let pipeline = PipelineKey::new(material.coverage, material.surface(), sides);
-                let state = State { pipeline, texture: material.texture, page: 0, indices: Indices::Cuts };
-                self.list.push(state, material.instance(record, leaf), (first_index, index_count), first_vertex);
+    /// Lists solid leaves, which ascend, and among them the cuts that a pass names, each in the place of its own first leaf: where cuts and leaves
+    /// coincide, the lower number is seen as everywhere else.
+    pub(super) fn list_solid(&mut self, pass: &PassPlan, leaves: impl Iterator<Item = u32>, turn: Turn) {
+        let mut leaves = leaves.peekable();
+        let draws = if pass.cuts.is_empty() { 0 } else { self.cuts.draws.len() };
+        for at in 0..draws {
+            let draw = self.cuts.draws[at];
+            if draw.index_count > 0 && pass.cuts.binary_search(&draw.object).is_ok() {
+                self.list_leaves(pass, std::iter::from_fn(|| leaves.next_if(|leaf| *leaf < draw.leaf)), turn);
+                self.list_cut(pass, draw);
             }
         }
-        self.list.cut_draws = self.list.arguments.len() as u32;
+        self.list_leaves(pass, leaves, turn);
+    }
+
+    fn list_cut(&mut self, pass: &PassPlan, draw: CutDraw) {
+        let CutDraw { object, leaf, material, first_index, index_count, first_vertex } = draw;
+        let material = self.materials.states[material.0 as usize];
+        let record = self.record(pass, object);
+        let sides = Sides::of(material.double_sided, self.mirrored[object.0 as usize]);
+        let pipeline = PipelineKey::new(material.coverage, material.surface(), sides);
+        let state = State { pipeline, texture: material.texture, page: 0, indices: Indices::Cuts };
+        self.list.push(state, material.instance(record, leaf), (first_index, index_count), first_vertex);
+        self.list.cut_draws += 1;
     }
 }

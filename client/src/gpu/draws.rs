@@ -73,7 +73,7 @@ pub(super) struct DrawList {
     /// Indices of leaves that are not drawn whole, leaf by leaf.
     pub part_indices: Vec<u16>,
     pub triangles: u64,
-    /// The first draws, that are cuts in the place of objects.
+    /// How many draws are cuts in the place of objects.
     pub cut_draws: u32,
     /// Draws that are boxes in the place of leaves.
     pub stand_ins: Range<u32>,

@@ -318,8 +318,7 @@ impl Renderer {
     fn list_draws(&mut self, pass: &PassPlan) {
         self.list.clear();
         self.pass += 1;
-        self.list_cuts(pass);
-        self.list_leaves(pass, pass.opaque.leaves(), Turn::First);
+        self.list_solid(pass, pass.opaque.leaves(), Turn::First);
         self.list_boxes(pass);
         self.list_leaves(pass, pass.blended.iter().copied(), Turn::First);
     }

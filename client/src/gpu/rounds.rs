@@ -18,8 +18,7 @@ impl Renderer {
         let (turn, load) = if pass.round == 0 { (Turn::First, Load::Clear) } else { (Turn::Late, Load::Keep) };
         self.list.clear();
         self.pass += 1;
-        self.list_cuts(pass);
-        self.list_leaves(pass, pass.opaque.leaves(), turn);
+        self.list_solid(pass, pass.opaque.leaves(), turn);
         self.list_boxes(pass);
         self.list_leaves(pass, pass.blended.iter().copied(), turn);
         let mut boxes = std::mem::take(&mut self.culling.boxes);
