@@ -18,6 +18,7 @@ mod order;
 mod quadric;
 mod source;
 mod statistics;
+mod stretches;
 mod surface;
 
 use mullion_common::scene::{

@@ -1,4 +1,4 @@
-//! Vertices in the order of their splits: what is left first, then what was given up, last to first.
+//! Vertices in the order of their splits: what is left first, then what was given up, by stretches from last to first.
 
 use std::ops::Range;
 
@@ -6,6 +6,7 @@ use mullion_common::scene::greatest_first;
 
 use super::collapse::{Collapses, Head};
 use super::source::LodMesh;
+use super::stretches;
 
 /// A hierarchy's numbers.
 #[derive(Default)]
@@ -36,25 +37,31 @@ impl Ordered {
             }
         }
         let base_count = source.len() as u32;
-        for vertex in collapses.vertices.iter().rev() {
-            number[*vertex as usize] = source.len() as u32;
-            source.push(*vertex);
+        let mut link_starts = Vec::with_capacity(collapses.heads.len() + 1);
+        link_starts.push(0);
+        link_starts.extend(collapses.heads.iter().scan(0, |end, head| {
+            *end += head.length;
+            Some(*end)
+        }));
+        let order = stretches::order(mesh, collapses, &link_starts, source.len());
+        for at in &order {
+            let vertex = collapses.vertices[*at as usize];
+            number[vertex as usize] = source.len() as u32;
+            source.push(vertex);
         }
         let mut links = Vec::with_capacity(collapses.links.len());
-        let mut starts = Vec::with_capacity(collapses.heads.len() + 1);
-        let mut end = collapses.links.len();
-        for head in collapses.heads.iter().rev() {
+        let mut starts = Vec::with_capacity(order.len() + 1);
+        for at in order.iter().map(|at| *at as usize) {
             starts.push(links.len() as u32);
-            let start = end - head.length;
-            links.extend(collapses.links[start..end].iter().map(|v| number[*v as usize]));
-            end = start;
+            let link = &collapses.links[link_starts[at]..link_starts[at + 1]];
+            links.extend(link.iter().map(|v| number[*v as usize]));
         }
         starts.push(links.len() as u32);
         let mut base_triangles: Vec<[u32; 3]> =
             collapses.triangles.iter().map(|t| greatest_first(t.map(|v| number[v as usize]))).collect();
         base_triangles.sort_unstable();
-        let heads = collapses.heads.iter().rev().copied().collect();
-        let errors = collapses.errors.iter().rev().copied().collect();
+        let heads = order.iter().map(|at| collapses.heads[*at as usize]).collect();
+        let errors = order.iter().map(|at| collapses.errors[*at as usize]).collect();
         Self { base_count, source, heads, starts, links, errors, base_triangles }
     }
 
