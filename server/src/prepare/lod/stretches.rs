@@ -11,10 +11,6 @@ use super::collapse::Collapses;
 use super::source::LodMesh;
 use crate::tree::regroup::morton;
 
-/// Vertices of a stretch, within which neighbours come together: as many as are before it, and at most so many. Some blocks of a hierarchy, so
-/// that an object that is streamed still sharpens everywhere at once.
-const MOST_VERTICES: usize = 1 << 16;
-
 /// No turn: a vertex of the base.
 const NONE: u32 = u32::MAX;
 
@@ -32,6 +28,9 @@ struct Turns<'a> {
 }
 
 /// Which collapses are undone, one after the other: each behind all that its link needs, and those of one vertex coarse first, as they were.
+///
+/// Neighbours come together within stretches, each of as many vertices as are before it: however far an object has been streamed, no part of it
+/// has half as many vertices as it would have if all came coarse first.
 pub(super) fn order(mesh: &LodMesh, collapses: &Collapses, link_starts: &[usize], base_count: usize) -> Vec<u32> {
     let count = collapses.vertices.len();
     let mut of_vertex = vec![NONE; mesh.positions.len()];
@@ -42,7 +41,7 @@ pub(super) fn order(mesh: &LodMesh, collapses: &Collapses, link_starts: &[usize]
     let mut stretches = Vec::new();
     let mut start = 0;
     while start < count {
-        let mut end = (start + (base_count + start).clamp(1, MOST_VERTICES)).min(count);
+        let mut end = (start + (base_count + start).max(1)).min(count);
         while end < count && turns.is_follower(end as u32) {
             end += 1;
         }
