@@ -76,7 +76,7 @@ impl ClusterCut {
         &self.refined
     }
 
-    /// The clusters that are drawn, in any order.
+    /// The clusters that are drawn, ascending.
     pub fn clusters(&self) -> &[ClusterId] {
         &self.drawn
     }
@@ -102,11 +102,18 @@ impl ClusterCut {
         changes.extend(self.refined.iter().filter(|group| !is_chosen(**group)));
         // What a group needs has lower numbers.
         changes.sort_unstable();
+        let mut has_changed = !changes.is_empty();
         changes.drain(..).rev().for_each(|group| self.coarsen(hierarchy, group));
         changes.extend(groups.filter(|group| !self.is_refined(*group)));
+        has_changed |= !changes.is_empty();
         changes.sort_unstable();
         changes.drain(..).for_each(|group| self.refine(hierarchy, group));
         self.changes = changes;
+        if has_changed {
+            // Where triangles coincide, the same one is drawn first whatever was followed before.
+            self.drawn.sort_unstable();
+            (0..).zip(&self.drawn).for_each(|(place, cluster)| *self.places.get_mut(cluster.index()) = place);
+        }
     }
 
     fn refine(&mut self, hierarchy: &ClusterHierarchy, group: GroupId) {

@@ -105,7 +105,7 @@ impl VertexCut {
         self.slots.get_mut(place as usize)
     }
 
-    /// The vertices that are there, by their places.
+    /// The vertices that are there, by their places. Ascending, if nothing was split or taken back since [`VertexCut::follow`].
     pub fn vertices(&self) -> impl ExactSizeIterator<Item = VertexId> {
         self.slots.iter().map(|slot| slot.vertex)
     }
@@ -181,7 +181,8 @@ impl VertexCut {
         before - self.triangle_count
     }
 
-    /// Makes all splits of a set that has whatever any of it needs, and takes back all others. `leads` are the set, in any order.
+    /// Makes all splits of a set that has whatever any of it needs, and takes back all others. `leads` are the set, in any order. Vertices then
+    /// ascend: where triangles coincide, the same one is drawn first whatever was followed before.
     pub fn follow(
         &mut self,
         hierarchy: &VertexHierarchy,
@@ -198,15 +199,21 @@ impl VertexCut {
         changes.extend(self.slots.iter().map(|slot| slot.vertex).filter(|v| goes(*v)));
         // What a split needs has lower numbers.
         changes.sort_unstable();
+        let mut has_changed = !changes.is_empty();
         changes.drain(..).rev().for_each(|lead| {
             self.collapse(hierarchy, lead);
         });
         changes.extend(leads.filter(|lead| !self.has(*lead)));
+        has_changed |= !changes.is_empty();
         changes.sort_unstable();
         changes.drain(..).for_each(|lead| {
             self.split(hierarchy, lead);
         });
         self.changes = changes;
+        if has_changed {
+            self.slots.sort_unstable_by_key(|slot| slot.vertex);
+            (0..).zip(&self.slots).for_each(|(place, slot)| *self.places.get_mut(slot.vertex.index()) = place);
+        }
     }
 
     /// A triangle of these vertices that is there, or that is not.

@@ -10,7 +10,7 @@
 //!     ╲│╱                 ╲│╱
 //!      u                   u
 //! ```
-//! A collapse moves a vertex onto a neighbour: no vertex is new. Vertices are numbered in the order of their splits, so the greatest of a
+//! A collapse moves a vertex onto a neighbour: no vertex is new. Vertices are numbered in an order of their splits, so the greatest of a
 //! triangle's three made it, and a split can be made as soon as all of its link is there. Whatever set of splits is made, if each has its link,
 //! gives one mesh, in whichever order: of triangles that preparation has looked at, each once, closed where the mesh is closed. *Proof*: an
 //! edge goes only with one of its ends, so two fans can hold the same edge only if they did so when they were made, and preparation refuses

@@ -4,7 +4,7 @@
 //! Simplification Using Quadric Error Metrics*, 1997), and the collapses in reverse are its hierarchy.
 //!
 //! ```text
-//! leaves ─ source ─→ mesh ─ surface, quadric ─→ collapse (fitness says which may be) ─ order ─→ vertices, links ─ bounds ─→ splits
+//! leaves ─ source ─→ mesh ─ surface, quadric ─→ collapse (fitness says which may be) ─ order (stretches) ─→ vertices, links ─ bounds ─→ splits
 //! ```
 //! What a cut of such a hierarchy may show is decided here: a collapse is refused where it would join what was apart, or turn a triangle away
 //! from the surface that it stands for. Borders, seams between materials or texture coordinates stay where they are, and so does whatever is

@@ -8,6 +8,15 @@ use super::collapse::{Collapses, Head};
 use super::source::LodMesh;
 use super::stretches;
 
+/// Where the link of each collapse starts, and once more.
+pub(super) fn link_starts(collapses: &Collapses) -> Vec<usize> {
+    let ends = collapses.heads.iter().scan(0, |end, head| {
+        *end += head.length;
+        Some(*end)
+    });
+    std::iter::once(0).chain(ends).collect()
+}
+
 /// A hierarchy's numbers.
 #[derive(Default)]
 pub(super) struct Ordered {
@@ -37,12 +46,7 @@ impl Ordered {
             }
         }
         let base_count = source.len() as u32;
-        let mut link_starts = Vec::with_capacity(collapses.heads.len() + 1);
-        link_starts.push(0);
-        link_starts.extend(collapses.heads.iter().scan(0, |end, head| {
-            *end += head.length;
-            Some(*end)
-        }));
+        let link_starts = link_starts(collapses);
         let order = stretches::order(mesh, collapses, &link_starts, source.len());
         for at in &order {
             let vertex = collapses.vertices[*at as usize];

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use glam::Vec3;
+use mullion_common::scene::Link;
 use rayon::prelude::*;
 
 use super::collapse::Collapses;
@@ -79,7 +80,7 @@ impl Turns<'_> {
     /// The vertex that a turn's splits from.
     fn parent(&self, turn: u32) -> u32 {
         let head = &self.collapses.heads[self.collapse(turn)];
-        mullion_common::scene::Link::new(self.link(turn), head.shape).parent()
+        Link::new(self.link(turn), head.shape).parent()
     }
 
     fn code(&self, turn: u32) -> u64 {
@@ -123,5 +124,73 @@ impl Turns<'_> {
             }
         }
         placed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prepare::lod::collapse::Regions;
+    use crate::prepare::lod::order::link_starts;
+    use crate::prepare::lod::tests::{all, grid, soup};
+
+    /// The order of a mesh, as collapses and as turns by vertex, and how many vertices its base has.
+    fn ordered(mesh: &LodMesh) -> (Collapses, Vec<u32>, usize) {
+        let collapses = Collapses::of(mesh, Regions::default());
+        let base_count = mesh.positions.len() - collapses.vertices.len();
+        let order = order(mesh, &collapses, &link_starts(&collapses), base_count);
+        (collapses, order, base_count)
+    }
+
+    #[test]
+    fn each_comes_behind_what_it_needs() {
+        for (name, mesh) in all().into_iter().chain([("soup", soup())]) {
+            let (collapses, order, _) = ordered(&mesh);
+            let starts = link_starts(&collapses);
+            let mut at = vec![0; mesh.positions.len()];
+            (1..).zip(&order).for_each(|(turn, collapse)| at[collapses.vertices[*collapse as usize] as usize] = turn);
+            let mut all = order.clone();
+            all.sort_unstable();
+            assert!(all.into_iter().eq(0..collapses.vertices.len() as u32), "{name}: each once");
+            let mut youngest = HashMap::new();
+            for (turn, collapse) in (1..).zip(order.iter().map(|collapse| *collapse as usize)) {
+                let (link, head) = (&collapses.links[starts[collapse]..starts[collapse + 1]], collapses.heads[collapse]);
+                assert!(link.iter().all(|vertex| at[*vertex as usize] < turn), "{name}: turn {turn}");
+                if head.is_follower {
+                    assert_eq!(order[turn - 2] as usize, collapse + 1, "{name}: turn {turn}");
+                    continue;
+                }
+                let parent = Link::new(link, head.shape).parent();
+                let elder = youngest.insert(parent, collapse);
+                assert!(elder.is_none_or(|elder| elder > collapse), "{name}: turn {turn} is coarser than the one before it");
+            }
+        }
+    }
+
+    /// Each holds what was given up last of what is not before it, and in a walk from neighbour to neighbour.
+    #[test]
+    fn stretches_are_walks_along_the_mesh() {
+        let lift = |u: f32, v: f32| Vec3::new(u * 60.0, v * 60.0, (u * 31.0).sin() + (v * 23.0).cos());
+        let (positions, triangles) = grid(60, 60, [false; 2], lift);
+        let mesh = LodMesh::of_triangles(&positions, &triangles);
+        let (collapses, order, base_count) = ordered(&mesh);
+        let last_first: Vec<u32> = (0..order.len() as u32).rev().collect();
+        let mut start = 0;
+        while start < order.len() {
+            let end = (2 * start + base_count).min(order.len());
+            let sorted = |order: &[u32]| {
+                let mut stretch = order[start..end].to_vec();
+                stretch.sort_unstable();
+                stretch
+            };
+            assert_eq!(sorted(&order), sorted(&last_first), "vertices {start} to {end} are not those that were given up last");
+            let walk = |order: &[u32]| -> f32 {
+                let place = |collapse: u32| mesh.positions[collapses.vertices[collapse as usize] as usize];
+                order[start..end].windows(2).map(|pair| place(pair[0]).distance(place(pair[1]))).sum()
+            };
+            let (along, across) = (walk(&order), walk(&last_first));
+            assert!(end - start < 500 || along * 4.0 < across, "{along} m of {across} for vertices {start} to {end}");
+            start = end;
+        }
     }
 }
