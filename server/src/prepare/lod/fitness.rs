@@ -158,30 +158,7 @@ impl<'a> Fitness<'a> {
                 before = after;
             }
         }
-        Some(deviation.max(self.lost_fold(star, target)))
-    }
-
-    /// How long the longest triangle is that goes and faces away from all that stands for the star: of surfaces that are seen from one side it shows
-    /// what nothing else does, as far as it reaches. 0 if there is none.
-    fn lost_fold(&self, star: &Star, target: &Target) -> f32 {
-        let normal = |p: Vec3, a: u32, b: u32| (self.position(a) - p).cross(self.position(b) - p);
-        let stands = |facing: Vec3| {
-            star.sides()
-                .zip(target.onto)
-                .any(|((_, fan), onto)| floor(fan, onto).any(|(a, b)| normal(self.position(onto), a, b).dot(facing) > 0.0))
-        };
-        let mut longest = 0.0f32;
-        for ((vertex, fan), onto) in star.sides().zip(target.onto) {
-            let from = self.position(vertex);
-            for (a, b) in fan.edges().filter(|(a, b)| *a == onto || *b == onto) {
-                let facing = normal(from, a, b);
-                if facing != Vec3::ZERO && !stands(facing) {
-                    let [p, q] = [a, b].map(|v| self.position(v));
-                    longest = longest.max(from.distance(p)).max(from.distance(q)).max(p.distance(q));
-                }
-            }
-        }
-        longest
+        Some(deviation)
     }
 
     /// How far a point is from what stands for the star once it is there.
