@@ -20,7 +20,6 @@ use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::{Budget, Detail, DetailWeight, Moved, Primary, ViewSpec};
 use mullion_server::generate::{GeneratedScene, write_glb};
-
 use mullion_server::prepare::lod::{LodOptions, add_hierarchies};
 use mullion_server::prepare::plp::{TessellateOptions, tessellate};
 use mullion_server::prepare::{Placement, PrepareOptions, graft};
@@ -298,8 +297,8 @@ fn finest_is_mesh(gpu: &Arc<Gpu>, package: &Package) {
     }
 }
 
-/// Two planets in one place, of which one is drawn from its leaves and the other by its finest cut: as many pixels are either's with occlusion culling
-/// as without, though leaves come late beyond the cut.
+/// Two planets in one place, of which one is drawn from its leaves and the other by its finest cut: every pixel is the same with
+/// occlusion culling, though leaves come late beyond the cut.
 #[test]
 fn where_cuts_and_leaves_coincide_culling_changes_nothing() {
     if !support::has_gpu() {

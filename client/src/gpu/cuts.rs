@@ -99,7 +99,7 @@ impl Renderer {
         cuts.staged_vertices.clear();
         cuts.staged_indices.clear();
         objects.for_each(|object| cuts.stage(&object));
-        cuts.draws.sort_by_key(|draw| draw.leaf);
+        cuts.draws.sort_unstable_by_key(|draw| (draw.leaf, draw.first_index));
         let limit = self.gpu.device.limits().max_buffer_size;
         cuts.vertices.write(&self.gpu, bytemuck::cast_slice(&cuts.staged_vertices), limit)?;
         cuts.indices.write(&self.gpu, bytemuck::cast_slice(&cuts.staged_indices), limit)
