@@ -2,7 +2,7 @@
 //! held against it, as in the paper's section 4.
 
 use glam::{DAffine3, DMat4, DVec3, Vec3, Vec4};
-use mullion_common::scene::{GeometryChunk, Package, Tessellation};
+use mullion_common::scene::{GeometryChunk, Package};
 
 /// No triangle.
 pub const NOTHING: u32 = u32::MAX;
@@ -15,12 +15,12 @@ pub struct ItemScene {
 }
 
 impl ItemScene {
-    /// The triangles of the covered leaves.
-    pub fn new(package: &Package, tessellation: &Tessellation) -> Self {
+    /// The triangles of these leaves, leaf by leaf.
+    pub fn of_leaves(package: &Package, origin: DVec3, leaves: impl Iterator<Item = u32>) -> Self {
         let manifest = &package.scene.manifest;
-        let mut scene = Self { origin: tessellation.origin(), triangles: Vec::new(), double_sided: Vec::new() };
-        for leaf in tessellation.leaves() {
-            let record = &manifest.leaves[*leaf as usize];
+        let mut scene = Self { origin, triangles: Vec::new(), double_sided: Vec::new() };
+        for leaf in leaves {
+            let record = &manifest.leaves[leaf as usize];
             let transform = manifest.transforms[record.object.0 as usize];
             let from_local = DAffine3::from_translation(-scene.origin) * transform.affine();
             // A package's chunks were checked when it was made.
@@ -40,6 +40,14 @@ impl ItemScene {
     pub fn of_triangles(origin: DVec3, triangles: impl Iterator<Item = ([Vec3; 3], bool)>) -> Self {
         let (triangles, double_sided) = triangles.unzip();
         Self { origin, triangles, double_sided }
+    }
+
+    /// With another scene's triangles behind its own.
+    pub fn and(mut self, other: &Self) -> Self {
+        let way = (other.origin - self.origin).as_vec3();
+        self.triangles.extend(other.triangles.iter().map(|corners| corners.map(|corner| corner + way)));
+        self.double_sided.extend(&other.double_sided);
+        self
     }
 
     /// A triangle's corners relative to the origin.

@@ -8,9 +8,9 @@ use mullion_common::geometry::Frustum;
 use mullion_common::wall::Projection;
 
 use crate::camera::place_room;
-use crate::item_buffer::{ItemBuffer, ItemScene, NOTHING};
+use crate::item_buffer::{ItemBuffer, ItemScene};
 
-pub use error::ImageError;
+pub use error::{Distances, ImageError};
 pub use subject::Subject;
 
 /// The screen is as far from the eye as it is high.
@@ -49,17 +49,19 @@ impl Look {
 /// Which triangles of a scene are seen, and where.
 pub struct Seen {
     pub scene: ItemScene,
+    /// So many are of what is simplified: the first.
+    simplified: u32,
     size_px: [u32; 2],
     items: Vec<u32>,
     depths: Vec<f32>,
 }
 
 impl Seen {
-    /// Draws a scene in software.
-    pub fn new(look: &Look, scene: ItemScene, size_px: [u32; 2]) -> Self {
+    /// Draws a scene in software, of which so many triangles, the first, are of what is simplified.
+    pub fn new(look: &Look, scene: ItemScene, simplified: u32, size_px: [u32; 2]) -> Self {
         let mut buffer = ItemBuffer::new(size_px);
         buffer.draw(&scene, &look.clip_from_world(), |_| true);
-        Self { size_px, items: buffer.items().to_vec(), depths: buffer.depths().to_vec(), scene }
+        Self { size_px, simplified, items: buffer.items().to_vec(), depths: buffer.depths().to_vec(), scene }
     }
 
     /// Of the picture.
@@ -67,11 +69,11 @@ impl Seen {
         self.size_px
     }
 
-    /// How many triangles are seen at a pixel at least.
+    /// How many triangles of what is simplified are seen at a pixel at least.
     pub fn triangles(&self) -> usize {
         let mut visible = self.items.clone();
         visible.sort_unstable();
         visible.dedup();
-        visible.iter().filter(|slot| **slot != NOTHING).count()
+        visible.iter().filter(|slot| **slot < self.simplified).count()
     }
 }

@@ -10,7 +10,7 @@ use mullion_common::geometry::Aabb;
 use mullion_common::scene::{AlphaMode, Hierarchy, LodForm, ObjectId, Package, Presence, Scene, Transform};
 use mullion_common::visible_set::{LeafRange, VisibleSet};
 
-use super::Look;
+use super::{Look, Seen};
 use crate::item_buffer::ItemScene;
 
 /// The objects.
@@ -21,8 +21,10 @@ pub struct Subject {
     parts: Vec<Part>,
     /// Of all that is simplified, in the world; of one copy.
     pub bounds: Aabb,
-    /// Leaves that are simplified.
-    pub covered: VisibleSet,
+    /// Leaves that are not simplified.
+    pub others: VisibleSet,
+    /// Of those, what hides what is behind.
+    backdrop: ItemScene,
 }
 
 struct Part {
@@ -91,7 +93,13 @@ impl Subject {
             leaf.local_aabb().corners().map(|corner| world_from_local.transform_point3(corner))
         });
         let bounds = Aabb::of_points(corners);
-        Ok(Self { package, hierarchies, parts, bounds, covered })
+        let mut others = VisibleSet::default();
+        VisibleSet::all(manifest.leaves.len() as u32).difference_into(&covered, &mut others);
+        let manifest = &package.scene.manifest;
+        let is_solid =
+            |leaf: u32| manifest.materials[manifest.leaves[leaf as usize].material.0 as usize].alpha != AlphaMode::Blend;
+        let backdrop = ItemScene::of_leaves(&package, bounds.center(), others.leaves().filter(|leaf| is_solid(*leaf)));
+        Ok(Self { package, hierarchies, parts, bounds, others, backdrop })
     }
 
     /// Where there is a tessellation: the space around all copies.
@@ -135,8 +143,15 @@ impl Subject {
         self.parts.iter().map(|part| u64::from(self.hierarchies[part.hierarchy].triangle_count())).sum()
     }
 
+    /// What is seen of cuts, and of all that is not simplified.
+    pub fn seen(&self, look: &Look, cuts: &[Cut], size_px: [u32; 2]) -> Seen {
+        let simplified = self.cut_scene(look, cuts);
+        let count = simplified.len() as u32;
+        Seen::new(look, simplified.and(&self.backdrop), count, size_px)
+    }
+
     /// Triangles of cuts, relative to an eye.
-    pub fn cut_scene(&self, look: &Look, cuts: &[Cut]) -> ItemScene {
+    fn cut_scene(&self, look: &Look, cuts: &[Cut]) -> ItemScene {
         let eye = look.projection.eye;
         let objects = self.objects();
         let triangles = objects.iter().zip(cuts).flat_map(|(object, cut)| {
@@ -153,8 +168,8 @@ impl Subject {
         ItemScene::of_triangles(eye, triangles)
     }
 
-    /// All triangles, relative to an eye: every step is made.
-    pub fn whole_scene(&self, look: &Look) -> ItemScene {
+    /// What is seen of the whole meshes, and of all that is not simplified.
+    pub fn seen_whole(&self, look: &Look, size_px: [u32; 2]) -> Seen {
         let all = |part: &Part| {
             let hierarchy = &self.hierarchies[part.hierarchy];
             let steps: Vec<StepId> = match hierarchy {
@@ -169,7 +184,7 @@ impl Subject {
             cut
         };
         let cuts: Vec<Cut> = self.parts.iter().map(all).collect();
-        self.cut_scene(look, &cuts)
+        self.seen(look, &cuts, size_px)
     }
 
     /// The package for a renderer: shared.

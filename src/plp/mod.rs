@@ -53,7 +53,7 @@ impl<'a> Judge<'a> {
         Self {
             package,
             tessellation,
-            scene: ItemScene::new(package, tessellation),
+            scene: ItemScene::of_leaves(package, tessellation.origin(), tessellation.leaves().iter().copied()),
             buffer: ItemBuffer::new(size_px),
             wall,
             eye_in_room,

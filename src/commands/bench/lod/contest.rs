@@ -9,7 +9,6 @@ use mullion_client::frame::Planner;
 use mullion_client::gpu::{Attachments, Gpu, QueryOccluder, Renderer, ViewTarget};
 use mullion_client::lod::{BoundsKind, DepthOccluder, KeptOccluder, LodOptions, LodSight, OCCLUDER_PX, OccluderFrom, Refinement};
 use mullion_common::scene::ObjectId;
-use mullion_common::visible_set::VisibleSet;
 use mullion_common::wall::ViewId;
 use mullion_common::wire::DetailWeight;
 
@@ -120,7 +119,7 @@ impl Way {
     }
 
     fn seen(&self, subject: &Subject, look: &Look, size_px: [u32; 2]) -> Seen {
-        Seen::new(look, subject.cut_scene(look, self.refinement.cuts()), size_px)
+        subject.seen(look, self.refinement.cuts(), size_px)
     }
 }
 
@@ -129,21 +128,17 @@ struct Drawing<'a> {
     subject: &'a Subject,
     renderer: Renderer,
     planner: Planner,
-    /// What is not simplified.
-    others: VisibleSet,
 }
 
 impl<'a> Drawing<'a> {
     fn new(gpu: &Arc<Gpu>, subject: &'a Subject, size_px: [u32; 2]) -> Result<Self> {
         let targets = [ViewTarget { view: VIEW, size_px }];
-        let mut others = VisibleSet::default();
-        VisibleSet::all(subject.package.scene.manifest.leaves.len() as u32).difference_into(&subject.covered, &mut others);
         let mut renderer = Renderer::new(Arc::clone(gpu), subject.manifest(), &targets, Attachments::Color)?;
-        for leaf in others.leaves() {
+        for leaf in subject.others.leaves() {
             let leaf = subject.package.scene.manifest.leaves[leaf as usize];
             renderer.upload(leaf.chunk, subject.package.chunk(leaf.chunk))?;
         }
-        Ok(Self { subject, renderer, planner: Planner::new(), others })
+        Ok(Self { subject, renderer, planner: Planner::new() })
     }
 
     /// How long it takes.
@@ -152,7 +147,7 @@ impl<'a> Drawing<'a> {
         self.renderer.set_cuts(self.subject.cut_objects(way.refinement.cuts()))?;
         let ids = way.ids(ids);
         let hints = Hints { cuts: &ids, ..Hints::default() };
-        let view = (VIEW, look.projection, &self.others);
+        let view = (VIEW, look.projection, &self.subject.others);
         drawn::draw_with(&mut self.renderer, &mut self.planner, &self.subject.package, view, hints)?;
         self.renderer.wait()?;
         Ok(start.elapsed())
@@ -185,7 +180,7 @@ impl<'a> Contest<'a> {
         let lod = self.lod_options(self.options.triangles, 0.0);
         let mut pictures = Vec::new();
         let first = self.view.look(self.subject, 0, self.options.size);
-        let whole = Seen::new(&first, self.subject.whole_scene(&first), size_px);
+        let whole = self.subject.seen_whole(&first, size_px);
         let fine = self.refine_finely(&first, &whole)?;
         for frame in 0..self.options.frames {
             let look = self.view.look(self.subject, frame, self.options.size);

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::lod::ImageError;
+use crate::lod::{Distances, ImageError};
 use crate::say::say;
 
 /// A view's figures.
@@ -102,18 +102,18 @@ impl Table {
                 median(way.frame_ms.iter().copied()),
                 cost,
                 way.frame_ms[0],
-                way.error.mean_px,
-                way.error.p99_px
+                way.error.all.mean_px,
+                way.error.all.p99_px
             );
         }
-        say!(
-            "wrong by at most {} pixels: {} triangles, off by {:.2} pixels in the mean, {:.2} at the 99th percentile of {} pixels",
-            fine.pixel_error,
-            fine.triangles,
-            fine.error.mean_px,
-            fine.error.p99_px,
-            fine.error.pixels
-        );
+        let ImageError { all, simplified } = &fine.error;
+        let off = |of: &Distances| {
+            format!("{:.2} pixels in the mean, {:.2} at the 99th percentile of {} pixels", of.mean_px, of.p99_px, of.pixels)
+        };
+        say!("wrong by at most {} pixels: {} triangles, off by {}", fine.pixel_error, fine.triangles, off(all));
+        if simplified.pixels < all.pixels {
+            say!("of what is simplified alone: {}", off(simplified));
+        }
         say!("");
     }
 }
