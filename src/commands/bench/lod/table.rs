@@ -111,8 +111,10 @@ impl Table {
             format!("{:.2} pixels in the mean, {:.2} at the 99th percentile of {} pixels", of.mean_px, of.p99_px, of.pixels)
         };
         say!("wrong by at most {} pixels: {} triangles, off by {}", fine.pixel_error, fine.triangles, off(all));
-        if simplified.pixels < all.pixels {
-            say!("of what is simplified alone: {}", off(simplified));
+        match simplified.pixels {
+            0 => say!("nothing of what is simplified is seen"),
+            pixels if pixels < all.pixels => say!("of what is simplified alone: {}", off(simplified)),
+            _ => {}
         }
         say!("");
     }
