@@ -268,7 +268,9 @@ fn level_of_detail_is_measured_without_occlusion_and_with() {
         assert_eq!(first(way, "questions") > 0, way > 0);
     }
     assert!(first(1, "visible") > first(0, "visible") && first(2, "visible") > first(0, "visible"), "it hides itself");
-    assert!(table["fine"]["error"]["p99_px"].as_f64().is_some_and(|px| px < 1.5), "{}", table["fine"]);
+    let off = &table["fine"]["error"];
+    assert!(off["all"]["p99_px"].as_f64().is_some_and(|px| px < 1.5), "{off}");
+    assert_eq!(off["all"], off["simplified"], "there is nothing else");
 }
 
 /// A scene without a tessellation gets one, and a budget goes where more is likely seen: in a row, to the first.
@@ -295,8 +297,16 @@ fn queries_say_what_is_hidden_beside_depths() {
     }
     let options =
         ["--triangles", "2000", "--size", "128", "--frames", "2", "--bounds", "cylinder,link", "--answers", "depths,queries"];
-    let out = done(&[&["bench", "lod", "--scene", "organic", "--json", "-"], &options[..]].concat());
+    let folder = TempDir::new().expect("a folder");
+    let plots = folder.path().to_str().expect("a name");
+    let out = done(&[&["bench", "lod", "--scene", "organic", "--json", "-", "--plots", plots], &options[..]].concat());
     let report: Value = serde_json::from_str(&out).expect("JSON and nothing else");
+    for (way, from) in [("without", ""), ("link", ""), ("link", "-above"), ("cylinder-queries", "-aside")] {
+        let picture = image::open(folder.path().join(format!("scene-{way}{from}.png"))).expect("a picture").to_rgb8();
+        assert_eq!(picture.dimensions(), (128, 128));
+        let background = picture.get_pixel(0, 0);
+        assert!(picture.pixels().filter(|pixel| *pixel != background).count() > 500, "{way}{from} shows something");
+    }
     let ways = report["tables"][0]["ways"].as_array().expect("ways");
     let names: Vec<_> = ways.iter().filter_map(|way| way["name"].as_str()).collect();
     assert_eq!(names, ["without", "cylinder", "link", "cylinder-queries", "link-queries"]);
@@ -308,17 +318,37 @@ fn queries_say_what_is_hidden_beside_depths() {
     assert!((3..5).all(|way| of(way, "questions", 1) > 100), "each frame asks anew: {out}");
 }
 
-/// Refined until surfaces are wrong by a pixel at most, pictures are off by little more, whatever the model.
+/// Refined until surfaces are wrong by a pixel at most, pictures are off by little more, whatever the model and the form.
 #[test]
 fn pictures_are_as_good_as_the_pixels_that_are_asked_for() {
-    let files = ["cad_2cylinder_engine.glb", "bim_clinic.glb", "city_linz_centre.glb", "scan_armadillo_86k.glb"];
+    let files = [
+        "cad_2cylinder_engine.glb",
+        "bim_clinic.glb",
+        "city_linz_centre.glb",
+        "city_denhaag.glb",
+        "forest_black_forest.glb",
+        "scan_armadillo_86k.glb",
+    ];
     let scenes = support::models(&files).into_iter().map(|path| path.display().to_string()).chain(["hills".to_owned()]);
     for scene in scenes {
-        let report = level_of_detail(&scene, &["--frames", "1", "--bounds", "link", "--size", "1024"]);
-        let fine = &report["tables"][0]["fine"];
-        assert!(fine["triangles"].as_u64().is_some_and(|triangles| triangles > 500), "{scene}: {fine}");
-        assert!(fine["error"]["p99_px"].as_f64().is_some_and(|px| px <= 1.5), "{scene}: {fine}");
+        let report =
+            level_of_detail(&scene, &["--frames", "1", "--bounds", "link", "--size", "1024", "--form", "vertices,clusters"]);
+        let tables = report["tables"].as_array().expect("tables");
+        assert_eq!(tables.len(), 2);
+        for table in tables {
+            let fine = &table["fine"];
+            assert!(fine["triangles"].as_u64().is_some_and(|triangles| triangles > 500), "{}: {fine}", table["scene"]);
+            assert!(fine["error"]["all"]["p99_px"].as_f64().is_some_and(|px| px <= 1.5), "{}: {fine}", table["scene"]);
+        }
     }
+}
+
+#[test]
+fn pictures_of_nothing_drawn_are_refused() {
+    let folder = TempDir::new().expect("a folder");
+    let plots = folder.path().join("plots");
+    let refused = mullion(&["bench", "lod", "--scene", "hills", "--no-gpu", "--plots", plots.to_str().expect("a name")], LIMIT);
+    assert!(refused.code != Some(0) && refused.err.contains("--plots"), "{}", refused.err);
 }
 
 fn level_of_detail(scene: &str, options: &[&str]) -> Value {

@@ -97,7 +97,7 @@ impl Subject {
         VisibleSet::all(manifest.leaves.len() as u32).difference_into(&covered, &mut others);
         let manifest = &package.scene.manifest;
         let is_solid =
-            |leaf: u32| manifest.materials[manifest.leaves[leaf as usize].material.0 as usize].alpha != AlphaMode::Blend;
+            |leaf: u32| manifest.materials[manifest.leaves[leaf as usize].material.0 as usize].alpha == AlphaMode::Opaque;
         let backdrop = ItemScene::of_leaves(&package, bounds.center(), others.leaves().filter(|leaf| is_solid(*leaf)));
         Ok(Self { package, hierarchies, parts, bounds, others, backdrop })
     }

@@ -132,6 +132,7 @@ pub fn run(options: &Options) -> Result<()> {
     let has_queries = options.answers.contains(&Answers::Queries);
     let weighs = options.lod_weight != DetailWeight::None;
     ensure!(!(has_queries && weighs), "--lod-weight: objects weigh only where depths answer");
+    ensure!(options.plots.is_none() || !options.no_gpu, "--plots: with --no-gpu nothing is drawn");
     super::claim_outputs(options.json.as_deref(), options.plots.as_deref())?;
     let is_piped = options.json.as_deref().is_some_and(is_standard_output);
     let machine = Machine::this();

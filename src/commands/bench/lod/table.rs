@@ -16,6 +16,8 @@ pub struct Table {
     pub triangles: u64,
     pub budget: u32,
     pub is_drawn: bool,
+    /// How often the frames were gone: times are those of the quickest run of each but the first; all else is of the first round.
+    pub rounds: u32,
     /// Without occlusion first.
     pub ways: Vec<WayFigures>,
     pub fine: FineFigures,
