@@ -299,9 +299,15 @@ fn a_budget_is_used_and_never_exceeded() {
     let base: usize = objects.iter().map(|object| Cut::new(object.hierarchy).placed_triangles(object.hierarchy).count()).sum();
     let all: u32 = objects.iter().map(|object| object.hierarchy.triangle_count()).sum();
     let mut refinement = Refinement::new();
+    // Most is hidden; and all.
+    let mut occluders = [5, 1].map(|seen| told(move |_, step| if step.0 % 5 < seen { Hidden::Node } else { Hidden::Split }));
     let mut check = |budget: u32| {
-        let options = LodOptions { budget, ..LodOptions::default() };
-        refinement.refine(&objects, &looking(DVec3::new(9.0, 2.0, 5.0)), &options, None);
+        let options = LodOptions { budget, occluders: SOON, ..LodOptions::default() };
+        let way = (budget / 97) as usize % 3;
+        let occluder = occluders.get_mut(way).map(|occluder| (occluder as &mut dyn Occluder, OccluderFrom::ThisFrame));
+        let is_asked = occluder.is_some();
+        refinement.refine(&objects, &looking(DVec3::new(9.0, 2.0, 5.0)), &options, occluder);
+        assert_eq!(refinement.question_count() > 0 && refinement.hidden_share() > 0.0, is_asked && refinement.steps() > SOON[0]);
         let drawn: usize =
             objects.iter().zip(refinement.cuts()).map(|(object, cut)| cut.placed_triangles(object.hierarchy).count()).sum();
         assert_eq!(drawn, refinement.triangle_count() as usize);
@@ -365,6 +371,7 @@ fn hidden_parts_stay_coarse() {
         let bounds = mesh.hierarchy.bounds(step.lead());
         if bounds.center.y + bounds.extent.half_box.y > 0.0 { Hidden::Nothing } else { Hidden::Node }
     });
+    let mut asked = Vec::new();
     for odd_levels in [false, true] {
         refinement.refine(
             &objects,
@@ -375,7 +382,43 @@ fn hidden_parts_stay_coarse() {
         let (with, questions) = (above(&refinement), refinement.question_count());
         assert!(without < 0.6 && with > 0.68, "{without} of the triangles without questions, {with} with {questions}");
         assert!(questions > 50 && questions < refinement.steps() * 2, "{questions} for {} steps", refinement.steps());
+        asked.push(questions);
     }
+    assert!(asked[1] * 10 < asked[0] * 8, "at odd levels alone it asks less: {asked:?}");
+}
+
+/// Hides every other step from its first picture, and nothing from later ones.
+#[derive(Default)]
+struct Clearing {
+    drawn: u32,
+}
+
+impl Occluder for Clearing {
+    fn draw(&mut self, _objects: &[LodObject<'_>], _cuts: &[Cut]) {
+        self.drawn += 1;
+    }
+
+    fn hides(&mut self, _object: usize, _hierarchy: &Hierarchy, step: StepId) -> Option<Hidden> {
+        Some(if self.drawn == 1 && step.0.is_multiple_of(2) { Hidden::Node } else { Hidden::Nothing })
+    }
+}
+
+#[test]
+fn what_an_occluder_hid_is_asked_about_again_after_its_update() {
+    let hierarchy = vertices(&meshes::torus(60, 40));
+    let objects = [seen_from_all_sides(&hierarchy)];
+    // As good as can be, however many triangles that takes: nothing gets what is left of a budget.
+    let found = |occluders: [u32; 4]| {
+        let options = LodOptions { budget: u32::MAX, least_pixels: f32::MIN_POSITIVE, occluders, ..LodOptions::default() };
+        let mut refinement = Refinement::new();
+        let occluder = (&mut Clearing::default() as &mut dyn Occluder, OccluderFrom::ThisFrameAlone);
+        refinement.refine(&objects, &looking(DVec3::new(9.0, 2.0, 5.0)), &options, Some(occluder));
+        refinement.triangle_count()
+    };
+    let all = hierarchy.triangle_count();
+    let once = found([100, u32::MAX, u32::MAX, u32::MAX]);
+    assert!(once < all * 9 / 10, "{once} of {all}: much stays hidden");
+    assert_eq!(found([100, 200, u32::MAX, u32::MAX]), all);
 }
 
 /// Far above, the mesh is what it was; the last block may be missing.

@@ -16,7 +16,7 @@ use super::{LodObject, LodSight, NodeSight};
 pub struct LodOptions {
     /// Most triangles of all objects in sight together. Where their bases alone have more, the smallest objects are left out.
     pub budget: u32,
-    /// Nodes that are wrong by fewer pixels are not split. 0: until the budget is used.
+    /// Nodes that are wrong by fewer pixels are not split. 0: until the budget is used, at last for what is hidden.
     pub least_pixels: f32,
     /// After so many splits what is there becomes the occluder, ascending; the paper's are [`LodOptions::PAPER`].
     pub occluders: [u32; MAX_OCCLUDERS],
@@ -117,6 +117,8 @@ pub struct Refinement {
     queue: BinaryHeap<Node>,
     /// Nodes that are behind the occluder.
     hidden: Vec<Node>,
+    /// So many more were, and got what was left of the budget.
+    hidden_before: u32,
     /// Nodes that were asked about and have no answer yet.
     waiting: Vec<Node>,
     /// What a step needs.
@@ -228,22 +230,33 @@ impl Refinement {
         let keeps = occluder.as_ref().is_some_and(|(_, from)| from.is_earlier());
         let mut drawn = if keeps { MAX_OCCLUDERS } else { 0 };
         let mut misfits = 0;
+        let mut is_left_over = false;
         loop {
-            if let Some((occluder, _)) = &mut occluder
+            if !is_left_over
+                && let Some((occluder, _)) = &mut occluder
                 && options.occluders.get(drawn).is_some_and(|steps| self.steps >= *steps)
             {
                 self.draw_occluder(objects, drawn, *occluder);
                 drawn += 1;
             }
             let Some(mut node) = self.queue.pop() else {
-                let Some((occluder, _)) = occluder.as_mut().filter(|_| !self.waiting.is_empty()) else { break };
-                self.take_late(*occluder, Wait::ForSome);
+                if let Some((occluder, _)) = occluder.as_mut().filter(|_| !self.waiting.is_empty()) {
+                    self.take_late(*occluder, Wait::ForSome);
+                    continue;
+                }
+                // Nothing else wants what is left of the budget.
+                if options.least_pixels > 0.0 || self.hidden.is_empty() {
+                    break;
+                }
+                is_left_over = true;
+                self.hidden_before = self.hidden.len() as u32;
+                self.queue.extend(self.hidden.drain(..));
                 continue;
             };
             let object = node.object as usize;
             let hierarchy = objects[object].hierarchy;
             if !self.chosen[object].has(node.step) {
-                if let Some((occluder, _)) = occluder.as_mut().filter(|_| drawn > 0) {
+                if let Some((occluder, _)) = occluder.as_mut().filter(|_| drawn > 0 && !is_left_over) {
                     // Questions may be asked at every other level: what is below a node that is seen is likely seen.
                     if !node.is_seen {
                         let Some(hidden) = self.ask(*occluder, hierarchy, &node) else {
@@ -302,7 +315,7 @@ impl Refinement {
         self.queue.clear();
         self.hidden.clear();
         self.waiting.clear();
-        (self.triangle_count, self.steps, self.question_count) = (0, 0, 0);
+        (self.triangle_count, self.steps, self.question_count, self.hidden_before) = (0, 0, 0, 0);
         if self.picture == 0 {
             self.next_picture(); // nobody was asked about that one
         }
@@ -515,7 +528,7 @@ impl Refinement {
 
     /// Of the questions, how many told at last that something was hidden. Of a frame that drew its occluder: others ask little anew.
     pub fn hidden_share(&self) -> f32 {
-        self.hidden.len() as f32 / self.question_count.max(1) as f32
+        (self.hidden.len() as u32 + self.hidden_before) as f32 / self.question_count.max(1) as f32
     }
 
     /// The cut of each object. That of one that is out of sight is its base, that of one that is away has no triangles.
