@@ -12,28 +12,33 @@ use super::{SOON, looking, meshes, seen_from_all_sides, vertices};
 const CORNERS: [DVec3; 3] = [DVec3::new(-1.0, -0.75, -1.0), DVec3::new(1.0, -0.75, -1.0), DVec3::new(-1.0, 0.75, -1.0)];
 const BUDGET: u32 = 3000;
 
-fn place(hierarchy: &Hierarchy, x: f64, z: f64) -> LodObject<'_> {
+pub fn place(hierarchy: &Hierarchy, x: f64, z: f64) -> LodObject<'_> {
     LodObject { world_from_local: DAffine3::from_translation(DVec3::new(x, 0.1, z)), ..seen_from_all_sides(hierarchy) }
 }
 
-/// One node's refinement, seen from the origin.
-struct Node {
-    occluder: KeptOccluder,
+/// One node's refinement.
+pub struct Node {
+    pub occluder: KeptOccluder,
     refinement: Refinement,
     weight: DetailWeight,
 }
 
 impl Node {
-    fn new(weight: DetailWeight) -> Self {
+    pub fn new(weight: DetailWeight) -> Self {
         let occluder = KeptOccluder::new(DepthOccluder::new([256; 2], BoundsKind::Link));
         Self { occluder, refinement: Refinement::new(), weight }
     }
 
-    /// Triangles of each object, and whether the occluder was drawn.
-    fn frame(&mut self, number: u64, objects: &[LodObject<'_>]) -> (Vec<u32>, bool) {
-        let projection = Projection::through_rectangle(DVec3::ZERO, CORNERS, 0.05, &DAffine3::IDENTITY);
+    /// Triangles of each object, seen from the origin, and whether the occluder was drawn.
+    pub fn frame(&mut self, number: u64, objects: &[LodObject<'_>]) -> (Vec<u32>, bool) {
+        self.frame_from(number, DVec3::ZERO, objects)
+    }
+
+    /// The same, seen from elsewhere.
+    pub fn frame_from(&mut self, number: u64, eye: DVec3, objects: &[LodObject<'_>]) -> (Vec<u32>, bool) {
+        let projection = Projection::through_rectangle(DVec3::ZERO, CORNERS, 0.05, &DAffine3::from_translation(eye));
         let options = LodOptions { budget: BUDGET, occluders: SOON, ..LodOptions::default() };
-        let (sight, mut objects) = (looking(DVec3::ZERO), objects.to_vec());
+        let (sight, mut objects) = (looking(eye), objects.to_vec());
         let view = (&projection, number);
         let is_drawn = self.occluder.refine(&mut self.refinement, &mut objects, (&sight, &options), view, (self.weight, None));
         (self.refinement.cuts().iter().map(|cut| cut.triangle_count()).collect(), is_drawn)

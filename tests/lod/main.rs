@@ -6,6 +6,7 @@ mod away;
 mod clusters;
 mod late;
 mod meshes;
+mod moved;
 mod queries;
 mod surface;
 mod weights;

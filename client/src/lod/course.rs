@@ -7,6 +7,8 @@ use super::{OccluderFrom, Refinement};
 const TURN_FRAMES: u64 = 64;
 /// One that hides something is renewed every so many frames: that takes a third to two thirds of what a turn does (`mullion bench lod`).
 const KEPT_FRAMES: u64 = 16;
+/// One in which something has moved far is drawn anew at the next of every so many frames: a mover costs that at most.
+const MOVED_FRAMES: u64 = 4;
 /// Of what it is asked it must hide such a share to be kept. Below it improves what is seen by less than 5 % (`mullion bench lod`).
 const LEAST_HIDDEN: f32 = 0.06;
 
@@ -21,13 +23,22 @@ pub struct OccluderCourse {
 impl OccluderCourse {
     /// Where a frame's occluder comes from; `None`: nothing is taken to be hidden in it.
     pub fn at(&self, frame: u64) -> Option<OccluderFrom> {
-        let is_past = |period: u64| self.drawn.is_none_or(|drawn| drawn / period != frame / period);
         match self.is_worth {
-            _ if is_past(TURN_FRAMES) => Some(OccluderFrom::ThisFrame),
-            true if is_past(KEPT_FRAMES) => Some(OccluderFrom::EarlierFrameRenewed),
+            _ if self.is_past(TURN_FRAMES, frame) => Some(OccluderFrom::ThisFrame),
+            true if self.is_past(KEPT_FRAMES, frame) => Some(OccluderFrom::EarlierFrameRenewed),
             true => Some(OccluderFrom::EarlierFrame),
             false => None,
         }
+    }
+
+    /// Whether an occluder in which something has moved is drawn anew in a frame.
+    pub fn follows_at(&self, frame: u64) -> bool {
+        self.is_worth && self.is_past(MOVED_FRAMES, frame)
+    }
+
+    /// Whether a multiple of a period came since the occluder was drawn.
+    fn is_past(&self, period: u64, frame: u64) -> bool {
+        self.drawn.is_none_or(|drawn| drawn / period != frame / period)
     }
 
     /// Learns from a frame that drew its occluder.
@@ -56,6 +67,8 @@ mod tests {
         let renewed = [80, 81, 97].map(|frame| course(true).at(frame));
         assert_eq!(renewed, [Some(OccluderFrom::EarlierFrameRenewed); 3], "one may be missed");
         assert_eq!([128, 130, 192].map(|frame| course(true).at(frame)), [Some(OccluderFrom::ThisFrame); 3]);
+        assert_eq!([66, 67, 68, 75].map(|frame| course(true).follows_at(frame)), [false, false, true, true]);
+        assert!(!course(false).follows_at(68), "what hides nothing need not follow");
         let mut learning = course(true);
         learning.note_renewed(96);
         assert_eq!(

@@ -1,5 +1,6 @@
 //! An occluder over frames: drawn anew at its turns, renewed and kept between them, and what objects weigh by it.
 
+use glam::DAffine3;
 use mullion_common::scene::Presence;
 use mullion_common::wall::Projection;
 use mullion_common::wire::DetailWeight;
@@ -10,6 +11,9 @@ use super::{DepthOccluder, LodObject, LodOptions, LodSight, Occluder, OccluderFr
 
 /// No object weighs less, however little of it is seen: what is known of that is an estimate.
 const LEAST_WEIGHT: f32 = 1.0 / 16.0;
+
+/// A corner of an object's box that is farther from where it was than this share of the box's diagonal: the object has moved.
+const MOST_MOVED: f64 = 0.25;
 
 /// Depths, when they are drawn, and weights.
 #[derive(Debug)]
@@ -22,18 +26,32 @@ pub struct KeptOccluder {
     weighed_by: DetailWeight,
     /// By object: whether it was drawn into the occluder.
     is_inside: Vec<bool>,
+    /// By object: where it was when the occluder was drawn, `world_from_local`.
+    places: Vec<DAffine3>,
+    /// Whether one of them is elsewhere now.
+    has_moved: bool,
 }
 
 impl KeptOccluder {
     /// One that nothing was drawn into.
     pub fn new(occluder: DepthOccluder) -> Self {
         let (course, weigher) = (OccluderCourse::default(), Weigher::default());
-        Self { occluder, course, weigher, weights: Vec::new(), weighed_by: DetailWeight::None, is_inside: Vec::new() }
+        Self {
+            occluder,
+            course,
+            weigher,
+            weights: Vec::new(),
+            weighed_by: DetailWeight::None,
+            is_inside: Vec::new(),
+            places: Vec::new(),
+            has_moved: false,
+        }
     }
 
-    /// Whether a frame draws the occluder anew or renews it, as long as the view looks about the same way and nothing goes away.
+    /// Whether a frame draws the occluder anew or renews it, as long as the view looks about the same way and nothing goes away or moves.
     pub fn has_turn(&self, frame: u64) -> bool {
-        matches!(self.course.at(frame), Some(OccluderFrom::ThisFrame | OccluderFrom::EarlierFrameRenewed))
+        let follows = self.has_moved && self.course.follows_at(frame);
+        follows || matches!(self.course.at(frame), Some(OccluderFrom::ThisFrame | OccluderFrom::EarlierFrameRenewed))
     }
 
     /// The next frame draws the occluder anew, whatever its number.
@@ -46,11 +64,13 @@ impl KeptOccluder {
         self.draw_anew();
         self.weights.clear();
         self.is_inside.clear();
+        self.places.clear();
     }
 
     /// Refines a frame that is seen by a projection. Whether it drew the occluder anew, and what it found depends on no frame before it.
     ///
-    /// An occluder in which something is that has gone away since is drawn anew at once. Where objects are weighed it is drawn anew where it would
+    /// An occluder in which something is that has gone away since is drawn anew at once, and where an object has moved by a share of its size, at
+    /// the next of a few frames. Where objects are weighed it is drawn anew where it would
     /// be renewed. Weights are found anew where another way of weighing is wanted and where the view looks another way, whether the occluder
     /// hides enough to be drawn or not.
     ///
@@ -66,11 +86,12 @@ impl KeptOccluder {
         (projection, frame): (&Projection, u64),
         (weight, tessellated): (DetailWeight, Option<Tessellated<'_>>),
     ) -> bool {
-        let Self { occluder, course, weigher, weights, weighed_by, is_inside } = self;
+        let Self { occluder, course, weigher, weights, weighed_by, is_inside, places, has_moved } = self;
         let by_boxes = weight == DetailWeight::Nohc;
         let by_estimate = tessellated.filter(|_| weight == DetailWeight::Plp);
         let is_gone = |(object, was_inside): (&LodObject<'_>, &bool)| *was_inside && object.presence == Presence::Away;
-        let is_outdated = objects.iter().zip(&*is_inside).any(is_gone);
+        *has_moved = objects.iter().zip(&*places).any(|(object, place)| has_left(object, place));
+        let is_outdated = objects.iter().zip(&*is_inside).any(is_gone) || *has_moved && course.follows_at(frame);
         let weighs = by_boxes || by_estimate.is_some();
         let holds = occluder.look(projection) && !is_outdated && (!weighs || *weighed_by == weight);
         let from = match course.at(frame) {
@@ -99,6 +120,9 @@ impl KeptOccluder {
         if is_drawn || is_renewed {
             is_inside.clear();
             is_inside.extend(objects.iter().map(|object| object.is_solid && object.presence == Presence::There));
+            places.clear();
+            places.extend(objects.iter().map(|object| object.world_from_local));
+            *has_moved = false;
         }
         if by_boxes && is_drawn {
             let share = |object: &LodObject<'_>| occluder.visible_share(&object.world_from_local, &object.hierarchy.local_aabb());
@@ -111,6 +135,19 @@ impl KeptOccluder {
         }
         is_drawn
     }
+}
+
+/// Whether an object is far from a place where it was.
+fn has_left(object: &LodObject<'_>, place: &DAffine3) -> bool {
+    if object.world_from_local == *place || object.presence == Presence::Away {
+        return false;
+    }
+    let corners = object.hierarchy.local_aabb().corners();
+    let [first, .., last] = corners.map(|corner| place.transform_point3(corner));
+    let most = MOST_MOVED * first.distance(last);
+    corners
+        .iter()
+        .any(|corner| place.transform_point3(*corner).distance(object.world_from_local.transform_point3(*corner)) > most)
 }
 
 /// By the share of it that is seen, as far as that is known.

@@ -34,8 +34,13 @@ pub const OCCLUDER_PX: u32 = 288;
 const WIDER: f32 = 1.28;
 /// Of the angle by which such frames may be turned: about 8 degrees.
 const LEAST_COSINE: f64 = 0.99;
+/// How far the eye of such frames may be from where it was, as a share of how far away what is drawn is, in the mean of its nearness.
+const MOST_PARALLAX: f64 = 0.5;
 /// Of a box's rows of pixels so many are looked at, or fewer than twice as many, and columns as far apart as these.
 const SHARE_ROWS: usize = 32;
+
+/// Its mean is taken of a level of fewer pixels.
+const MEAN_LEVEL: usize = 2;
 
 /// Pixels that are filled at once, by their columns.
 const LANE: Vec4 = Vec4::new(0.0, 1.0, 2.0, 3.0);
@@ -49,6 +54,8 @@ pub struct DepthOccluder {
     projection: Option<Projection>,
     /// From where it was drawn.
     drawn: Option<Projection>,
+    /// One over how far away along the view's axis that is which was drawn, in the mean of its pixels, 1/m.
+    mean_near: f64,
     /// Whether it was drawn for the frame that looks: then what is beyond the view is of no use.
     is_of_frame: bool,
     /// By object.
@@ -85,13 +92,25 @@ impl DepthOccluder {
             }
             (width, height) = (width.div_ceil(2), height.div_ceil(2));
         }
-        Self { kind, projection: None, drawn: None, is_of_frame: false, clip_from_local: Vec::new(), levels, placed: Vec::new() }
+        Self {
+            kind,
+            projection: None,
+            drawn: None,
+            mean_near: 0.0,
+            is_of_frame: false,
+            clip_from_local: Vec::new(),
+            levels,
+            placed: Vec::new(),
+        }
     }
 
-    /// From where the next frame is seen. Whether what was drawn may be kept for it: it looks about the same way.
+    /// From where the next frame is seen. Whether what was drawn may be kept for it: it looks about the same way, from about the same place.
     pub fn look(&mut self, projection: &Projection) -> bool {
         let forward = |of: &Projection| of.clip_from_offset.row(3).truncate().normalize_or_zero();
-        let holds = self.drawn.is_some_and(|drawn| forward(&drawn).dot(forward(projection)) > LEAST_COSINE);
+        let holds = self.drawn.is_some_and(|drawn| {
+            let parallax = drawn.eye.distance(projection.eye) * self.mean_near;
+            forward(&drawn).dot(forward(projection)) > LEAST_COSINE && parallax < MOST_PARALLAX
+        });
         self.projection = Some(*projection);
         self.is_of_frame = false;
         holds
@@ -131,6 +150,12 @@ impl DepthOccluder {
             }
         }
     }
+}
+
+/// Of what is above 0; 0 where nothing is.
+fn mean_above_zero(values: &[f32]) -> f64 {
+    let (sum, count) = values.iter().filter(|v| **v > 0.0).fold((0.0, 0u32), |(sum, count), v| (sum + f64::from(*v), count + 1));
+    sum / f64::from(count.max(1))
 }
 
 /// The less near of two. Both are numbers, and so it takes no branch, and several go at once.
@@ -226,6 +251,7 @@ impl Occluder for DepthOccluder {
             self.clip_from_local.push(clip_from_local);
         }
         self.build_levels();
+        self.mean_near = mean_above_zero(&self.levels[MEAN_LEVEL.min(self.levels.len() - 1)].near);
     }
 
     fn hides(&mut self, object: usize, hierarchy: &Hierarchy, step: StepId) -> Option<Hidden> {
