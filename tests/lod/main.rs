@@ -5,6 +5,7 @@
 mod away;
 mod clusters;
 mod late;
+mod looks;
 mod meshes;
 mod moved;
 mod queries;

@@ -188,3 +188,36 @@ pub fn painted_torus(around: u32, section: u32) -> Mesh {
     };
     mesh("painted torus", vec![half(0), half(1)])
 }
+
+/// A flat square, so many cells a side.
+pub const SHEET_CELLS: u32 = 48;
+pub const SHEET_CELL_M: f32 = 0.12;
+pub const SHEET_M: f32 = SHEET_CELLS as f32 * SHEET_CELL_M;
+
+fn sheet() -> Raw {
+    grid(SHEET_CELLS, SHEET_CELLS, [false; 2], |u, v| Vec3::new((u - 0.5) * SHEET_M, (v - 0.5) * SHEET_M, 0.0))
+}
+
+/// Black dots in white.
+pub fn sheet_color(at: Vec2) -> [u8; 4] {
+    let is_dark = at.length() < 1.0 || at.distance(Vec2::new(1.7, 1.5)) < 0.5;
+    if is_dark { [0, 0, 0, 255] } else { [255; 4] }
+}
+
+pub fn sheet_of_colours() -> Mesh {
+    let raw = sheet();
+    let colors = raw.0.iter().map(|p| sheet_color(p.truncate())).collect();
+    mesh("sheet of colours", vec![SourcePrimitive { colors: Some(colors), ..primitive(raw, None, 0) }])
+}
+
+/// Stretched here and there.
+pub fn sheet_uv(at: Vec2) -> Vec2 {
+    let bulge = (-(at * 1.5).length_squared()).exp() * 0.08;
+    at / SHEET_M + Vec2::new(bulge, -bulge)
+}
+
+pub fn sheet_of_texture() -> Mesh {
+    let raw = sheet();
+    let uvs = raw.0.iter().map(|p| sheet_uv(p.truncate())).collect();
+    mesh("sheet of texture", vec![primitive(raw, Some(uvs), 0)])
+}

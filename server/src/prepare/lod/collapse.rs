@@ -10,6 +10,7 @@ use mullion_common::scene::LinkShape;
 use rayon::prelude::*;
 
 use super::fitness::{Fitness, Star, Target};
+use super::looks;
 use super::quadric::Quadric;
 use super::source::LodMesh;
 use super::surface::{Fan, Surface};
@@ -45,7 +46,7 @@ pub(super) struct Collapses {
     pub heads: Vec<Head>,
     /// Their links, one behind the other; the vertex that took them is first or last.
     pub links: Vec<u32>,
-    /// How far the surface may then be from the mesh, metres: an estimate. What was given up before and is part of it has no more.
+    /// How far the surface may then be from the mesh, or look off, metres: an estimate. What was given up before and is part of it has no more.
     pub errors: Vec<f32>,
     /// What each cost, or more: none costs less than the one before it in its region.
     costs: Vec<f32>,
@@ -205,11 +206,28 @@ impl<'a> Queue<'a> {
         if cost.is_nan() { f32::INFINITY } else { cost }
     }
 
+    /// What it costs to look so far off: as much as to be as far away.
+    fn cost_of_looks(&self, star: &Star, looks_off: f32) -> f32 {
+        if looks_off == 0.0 {
+            return 0.0;
+        }
+        let position = |v: u32| self.mesh.positions[v as usize];
+        let area = |(vertex, fan): (u32, &Fan)| -> f32 {
+            let from = position(vertex);
+            fan.edges().map(|(a, b)| (position(a) - from).cross(position(b) - from).length() / 2.0).sum()
+        };
+        let cost = star.sides().map(area).sum::<f32>() / 3.0 * looks_off * looks_off;
+        if cost.is_nan() { f32::INFINITY } else { cost }
+    }
+
     /// The cheapest way for a place to go that may be.
     fn best(&self, fitness: &mut Fitness<'_>, place: u32, targets: &mut Vec<Target>) -> Option<(Star, Target, f32)> {
         let star = Fitness::star(self.mesh, &self.surface, place)?;
         targets.clear();
-        targets.extend(star.targets().map(|onto| Target { onto, cost: self.cost(place, onto[0]) }));
+        targets.extend(star.targets().map(|onto| {
+            let looks_off = looks::deviation_at_vertex(self.mesh, &star, onto);
+            Target { onto, cost: self.cost(place, onto[0]) + self.cost_of_looks(&star, looks_off) }
+        }));
         targets.sort_unstable_by_key(|target| (target.cost.to_bits(), target.onto));
         let fit = targets.iter().find_map(|target| Some((*target, fitness.deviation(&self.surface, &star, target)?)));
         fit.map(|(target, deviation)| (star, target, deviation))

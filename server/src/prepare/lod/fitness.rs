@@ -6,6 +6,7 @@
 use glam::Vec3;
 use mullion_common::scene::MAX_LINK;
 
+use super::looks;
 use super::source::LodMesh;
 use super::surface::{Fan, Surface};
 
@@ -133,7 +134,8 @@ impl<'a> Fitness<'a> {
         distinct == if matches!(star, Star::Seam(..)) { named - 2 } else { named }
     }
 
-    /// Whether the star may go there, and how far the surface then is from what it was, at the vertex and in the middle of its sharp edges.
+    /// Whether the star may go there, and how far the surface then is from what it was, at the vertex and in the middle of its sharp edges, or how
+    /// far off it looks, in the middle of all.
     pub fn deviation(&mut self, surface: &Surface, star: &Star, target: &Target) -> Option<f32> {
         if !self.mark_around(star) || !self.keeps_topology(surface, star, target) {
             return None;
@@ -144,7 +146,7 @@ impl<'a> Fitness<'a> {
             }
         }
         let place = self.position(star.sides().next().map_or(0, |side| side.0));
-        let mut deviation = self.distance_to_floor(star, target, place);
+        let mut deviation = self.distance_to_floor(star, target, place).max(looks::deviation(self.mesh, star, target.onto));
         for ((vertex, fan), onto) in star.sides().zip(target.onto) {
             let from = self.position(vertex);
             let normal = |(a, b): (u32, u32)| (self.position(a) - from).cross(self.position(b) - from).normalize_or_zero();
@@ -261,7 +263,7 @@ impl<'a> Fitness<'a> {
 }
 
 /// The edges that make triangles with the vertex that a fan goes onto.
-fn floor(fan: &Fan, onto: u32) -> impl Iterator<Item = (u32, u32)> {
+pub(super) fn floor(fan: &Fan, onto: u32) -> impl Iterator<Item = (u32, u32)> {
     fan.edges().filter(move |(a, b)| *a != onto && *b != onto)
 }
 

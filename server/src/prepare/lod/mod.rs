@@ -14,6 +14,7 @@ mod bounds;
 mod clusters;
 mod collapse;
 mod fitness;
+mod looks;
 mod order;
 mod quadric;
 mod source;

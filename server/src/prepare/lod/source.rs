@@ -114,9 +114,6 @@ impl LodMesh {
 
     /// What is drawn of some vertices, in their order.
     pub(super) fn vertex_data(&self, vertices: &[u32]) -> VertexData {
-        fn pick<T: Copy>(all: &[T], vertices: &[u32]) -> Vec<T> {
-            if all.is_empty() { Vec::new() } else { vertices.iter().map(|v| all[*v as usize]).collect() }
-        }
         VertexData {
             positions: vertices.iter().map(|v| self.positions[*v as usize].to_array()).collect(),
             uvs: pick(&self.uvs, vertices),
@@ -124,6 +121,11 @@ impl LodMesh {
             parts: pick(&self.parts, vertices),
         }
     }
+}
+
+/// What is known of some vertices, where anything is.
+pub(super) fn pick<T: Copy>(all: &[T], vertices: &[u32]) -> Vec<T> {
+    if all.is_empty() { Vec::new() } else { vertices.iter().map(|v| all[*v as usize]).collect() }
 }
 
 /// The mesh of a group's leaves; `None` where a hierarchy cannot hold it or nothing is left of it.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{Collapses, Fitness, Head, Queue, State};
 use crate::prepare::lod::quadric::Quadric;
-use crate::prepare::lod::source::LodMesh;
+use crate::prepare::lod::source::{LodMesh, pick};
 use crate::prepare::lod::surface::Surface;
 
 /// How meshes are divided.
@@ -98,7 +98,9 @@ impl Region {
         source.dedup();
         let local = |v: u32| source.partition_point(|s| *s < v) as u32;
         let mut mesh = LodMesh {
-            positions: source.iter().map(|v| whole.positions[*v as usize]).collect(),
+            positions: pick(&whole.positions, &source),
+            uvs: pick(&whole.uvs, &source),
+            colors: pick(&whole.colors, &source),
             triangles: triangles.iter().map(|t| t.map(local)).collect(),
             ..LodMesh::default()
         };
