@@ -5,6 +5,8 @@
 mod support;
 
 use std::collections::BTreeMap;
+use std::f32::consts::PI;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3};
@@ -294,6 +296,100 @@ fn finest_is_mesh(gpu: &Arc<Gpu>, package: &Package) {
         assert_eq!(fine.draw(9, room(package, 3), Some(detail)).1, 0);
         // And without an order, whatever has come.
         assert_eq!(base.draw(9, room(package, 3), None).1, 0);
+    }
+}
+
+/// A ball with all that files bring: faces that are there twice, also turned around, fins on edges that two others share, triangles without area, and
+/// vertices that nothing uses.
+fn bad_ball(folder: &Path) -> PathBuf {
+    const ROUND: u32 = 64;
+    const HIGH: u32 = 40;
+    let mut positions: Vec<[f32; 3]> = Vec::new();
+    for row in 0..=HIGH {
+        for column in 0..ROUND {
+            let (up, around) = (row as f32 / HIGH as f32 * PI, column as f32 / ROUND as f32 * 2.0 * PI);
+            let radius = 1.0 + 0.1 * (around * 5.0).sin() * up.sin();
+            positions.push([radius * up.sin() * around.cos(), radius * up.cos(), -radius * up.sin() * around.sin()]);
+        }
+    }
+    let vertex = |row: u32, column: u32| row * ROUND + column % ROUND;
+    let mut triangles: Vec<[u32; 3]> = Vec::new();
+    for (row, column) in (0..HIGH).flat_map(|row| (0..ROUND).map(move |column| (row, column))) {
+        let [a, b] = [vertex(row, column), vertex(row, column + 1)];
+        let [c, d] = [vertex(row + 1, column + 1), vertex(row + 1, column)];
+        triangles.extend([[a, d, c], [a, c, b]]); // those at the poles have no area
+    }
+    let of_ball = triangles.clone();
+    for (number, [a, b, c]) in of_ball.into_iter().enumerate() {
+        if number % 7 == 0 {
+            triangles.push([b, c, a]);
+        }
+        if number % 11 == 0 {
+            triangles.push([a, c, b]);
+        }
+        if number % 13 == 0 {
+            let tip = positions.len() as u32;
+            positions.push(positions[a as usize].map(|x| x * 1.15));
+            triangles.push([a, b, tip]);
+        }
+        if number % 17 == 0 {
+            triangles.extend([[a, a, b], [c, c, c]]);
+        }
+    }
+    positions.extend((0..100).map(|k| [k as f32 * 0.01, 0.0, 0.0]));
+    let places = positions.iter().flatten().flat_map(|x| x.to_le_bytes());
+    let bytes: Vec<u8> = places.chain(triangles.iter().flatten().flat_map(|corner| corner.to_le_bytes())).collect();
+    std::fs::write(folder.join("ball.bin"), &bytes).expect("written");
+    let json = serde_json::json!({
+        "asset": { "version": "2.0" },
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1 }] }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": positions.len(), "type": "VEC3", "min": [-2, -2, -2], "max": [2, 2, 2] },
+            { "bufferView": 1, "componentType": 5125, "count": triangles.len() * 3, "type": "SCALAR" },
+        ],
+        "bufferViews": [
+            { "buffer": 0, "byteOffset": 0, "byteLength": positions.len() * 12 },
+            { "buffer": 0, "byteOffset": positions.len() * 12, "byteLength": triangles.len() * 12 },
+        ],
+        "buffers": [{ "uri": "ball.bin", "byteLength": bytes.len() }],
+    });
+    let path = folder.join("ball.gltf");
+    std::fs::write(&path, json.to_string()).expect("written");
+    path
+}
+
+/// What is no surface is drawn as the file has it once all splits are made, and hardly otherwise where it is good to a pixel.
+#[test]
+fn bad_meshes_are_drawn_as_they_are() {
+    if !support::has_gpu() {
+        return;
+    }
+    let gpu = Gpu::open(GpuOptions::default()).expect("a GPU");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = bad_ball(folder.path());
+    for form in LodForm::ALL {
+        let mut package = support::package(&path, &PrepareOptions::default());
+        add_hierarchies(&mut package, &LodOptions { form, ..LodOptions::default() }, &|_, _, _| {}).expect("it has triangles");
+        let views = specs(&wall(2));
+        let mut plain = Node::new(&gpu, &package, &views, 0);
+        let mut cut = Node::new(&gpu, &package, &views, usize::MAX);
+        let room = room(&package, 3);
+        let (exact, all) = plain.draw(0, room, None);
+        let shown: usize = exact
+            .values()
+            .map(|picture| differing(picture, &RgbaImage::from_pixel(TILE_PX[0], TILE_PX[1], *picture.get_pixel(0, 0))))
+            .sum();
+        assert!(shown > 2000, "{shown} pixels of the ball");
+        for (least_pixels, most_wrong) in [(0.0, 200), (1.0, 20)] {
+            let detail = Detail { triangles: None, least_pixels, hides: false, ..Detail::default() };
+            let (found, drawn) = cut.draw(1, room, Some(detail));
+            assert!(if least_pixels > 0.0 { drawn < all } else { drawn > all / 2 }, "{form}: {drawn} of {all} triangles");
+            let wrong: usize = exact.iter().map(|(tile, picture)| differing(picture, &found[tile])).sum();
+            assert!(wrong * most_wrong <= shown, "{form}, {least_pixels} pixels: {wrong} of {shown} pixels differ");
+        }
     }
 }
 
