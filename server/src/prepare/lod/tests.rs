@@ -215,42 +215,56 @@ fn node_vertices(hierarchy: &VertexHierarchy, lead: VertexId) -> Vec<VertexId> {
     vertices
 }
 
+/// The mesh's triangles by the places of their corners.
+fn triangles_around(mesh: &LodMesh) -> HashMap<[u32; 3], Vec<[Vec3; 3]>> {
+    let mut around: HashMap<[u32; 3], Vec<[Vec3; 3]>> = HashMap::new();
+    for triangle in &mesh.triangles {
+        let corners = triangle.map(|v| mesh.positions[v as usize]);
+        corners.iter().for_each(|corner| around.entry(bits(*corner)).or_default().push(corners));
+    }
+    around
+}
+
+/// Holds a node's bounds against every triangle of the mesh at its vertices. How far from their middle these reach.
+fn assert_encloses(
+    hierarchy: &VertexHierarchy,
+    around: &HashMap<[u32; 3], Vec<[Vec3; 3]>>,
+    (lead, vertices): (VertexId, &[VertexId]),
+    name: &str,
+) -> f32 {
+    let bounds = hierarchy.bounds(lead);
+    let (extent, axis) = (bounds.extent, bounds.extent.axis.direction());
+    let mut reach = 0.0f32;
+    for triangle in vertices.iter().flat_map(|v| &around[&bits(hierarchy.position(*v))]) {
+        for corner in triangle {
+            let way = *corner - bounds.center;
+            let height = way.dot(axis);
+            reach = reach.max(way.length());
+            assert!(way.length() <= extent.radius, "{name} {lead:?}: sphere");
+            assert!((way.abs().cmple(extent.half_box)).all(), "{name} {lead:?}: box");
+            assert!((way - axis * height).length() <= extent.cylinder_radius * 1.00001, "{name} {lead:?}: cylinder");
+            assert!(height <= extent.cylinder_above * 1.00001 && height >= -extent.cylinder_below * 1.00001, "{name}");
+        }
+        let normal = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).normalize();
+        let sine = (1.0 - axis.dot(normal).powi(2)).max(0.0).sqrt();
+        assert!(bounds.cone_sine.is_none_or(|cone| axis.dot(normal) > 0.0 && sine <= cone + 1e-4), "{name} {lead:?}: cone");
+    }
+    for vertex in &vertices[1..] {
+        assert!(hierarchy.error(hierarchy.lead(*vertex)) <= extent.error, "{name} {lead:?}: error");
+    }
+    reach
+}
+
 #[test]
 fn bounds_enclose_every_triangle_of_their_subtree() {
     for (name, mesh) in all() {
         let hierarchy = hierarchy(&mesh);
-        let mut around: HashMap<[u32; 3], Vec<[Vec3; 3]>> = HashMap::new();
-        for triangle in &mesh.triangles {
-            let corners = triangle.map(|v| mesh.positions[v as usize]);
-            corners.iter().for_each(|corner| around.entry(bits(*corner)).or_default().push(corners));
-        }
+        let around = triangles_around(&mesh);
         let (mut looseness, mut nodes, mut cones) = (0.0, 0, 0);
         for lead in (hierarchy.base_count()..hierarchy.vertex_count()).map(VertexId).filter(|v| !hierarchy.is_follower(*v)) {
             let bounds = hierarchy.bounds(lead);
-            let (extent, axis) = (bounds.extent, bounds.extent.axis.direction());
-            let vertices = node_vertices(&hierarchy, lead);
-            let mut reach = 0.0f32;
-            for triangle in vertices.iter().flat_map(|v| &around[&bits(hierarchy.position(*v))]) {
-                for corner in triangle {
-                    let way = *corner - bounds.center;
-                    let height = way.dot(axis);
-                    reach = reach.max(way.length());
-                    assert!(way.length() <= extent.radius, "{name} {lead:?}: sphere");
-                    assert!((way.abs().cmple(extent.half_box)).all(), "{name} {lead:?}: box");
-                    assert!((way - axis * height).length() <= extent.cylinder_radius * 1.00001, "{name} {lead:?}: cylinder");
-                    assert!(height <= extent.cylinder_above * 1.00001 && height >= -extent.cylinder_below * 1.00001, "{name}");
-                }
-                let normal = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).normalize();
-                let sine = (1.0 - axis.dot(normal).powi(2)).max(0.0).sqrt();
-                assert!(
-                    bounds.cone_sine.is_none_or(|cone| axis.dot(normal) > 0.0 && sine <= cone + 1e-4),
-                    "{name} {lead:?}: cone"
-                );
-            }
-            for vertex in &vertices[1..] {
-                assert!(hierarchy.error(hierarchy.lead(*vertex)) <= extent.error, "{name} {lead:?}: error");
-            }
-            looseness += extent.radius / reach;
+            let reach = assert_encloses(&hierarchy, &around, (lead, &node_vertices(&hierarchy, lead)), name);
+            looseness += bounds.extent.radius / reach;
             nodes += 1;
             cones += u32::from(bounds.cone_sine.is_some());
         }
@@ -270,17 +284,13 @@ fn large_nodes_are_enclosed_by_stretches() {
     });
     let mesh = LodMesh::of_triangles(&positions, &triangles);
     let hierarchy = hierarchy(&mesh);
+    let around = triangles_around(&mesh);
     let mut large = 0;
     for vertex in (0..hierarchy.base_count()).map(VertexId) {
         let Some(lead) = hierarchy.first_child(vertex) else { continue };
-        let (bounds, vertices) = (hierarchy.bounds(lead), node_vertices(&hierarchy, lead));
+        let vertices = node_vertices(&hierarchy, lead);
         large += u32::from(vertices.len() > 64 * 64);
-        let axis = bounds.extent.axis.direction();
-        for vertex in vertices {
-            let way = hierarchy.position(vertex) - bounds.center;
-            assert!(way.length() <= bounds.extent.radius && way.abs().cmple(bounds.extent.half_box).all());
-            assert!((way - axis * way.dot(axis)).length() <= bounds.extent.cylinder_radius * 1.00001);
-        }
+        assert_encloses(&hierarchy, &around, (lead, &vertices), "torus");
     }
     assert!(large > 0);
 }
