@@ -166,7 +166,7 @@ mod tests {
         let between = |away: f32| ImageError::between(&look(), &seen(triangle(1.0, 10.0), away), &seen(nothing(), away));
         let in_front = between(20.0);
         assert_eq!(in_front.all.pixels, 2 * 64 * 64);
-        assert!((1..50).contains(&in_front.simplified.pixels), "{in_front:?}");
+        assert!((1..100).contains(&in_front.simplified.pixels), "{in_front:?}");
         assert_eq!(in_front.simplified.p99_px, f64::from(REACH_PX));
         assert!(in_front.all.mean_px > 0.0 && in_front.all.mean_px < in_front.simplified.mean_px, "{in_front:?}");
         let behind = between(5.0);
