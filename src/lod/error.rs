@@ -2,8 +2,8 @@
 //!
 //! Of each pixel of either picture the point that is seen there is held against the surface that the other shows nearby: its distance from
 //! the planes of the triangles around the same pixel, or from points seen further around, whichever is least, as pixels at its own distance.
-//! Where the other shows nothing near, it is the distance to where it does in the picture. What is not simplified is in both pictures, as it is on
-//! a wall.
+//! Where the other shows nothing near, it is the distance to where it does in the picture. What is opaque and not simplified is in both pictures, as it is
+//! on a wall.
 
 use glam::{DMat4, DVec3, Vec3};
 

@@ -125,19 +125,22 @@ fn what_hid_nothing_goes_without_a_turn() {
     assert!(!node.frame(1, &objects).1, "it was not in the picture");
 }
 
-/// Objects come and go without memory once buffers have grown.
+/// Objects come, go and move, and the eye jumps, without memory once buffers have grown; with a budget that has something left for what is hidden, too.
 #[test]
 fn coming_and_going_takes_no_memory() {
     let (torus, sphere) = (vertices(&meshes::torus(60, 40)), vertices(&meshes::sphere(16)));
     for (weight, away_every) in [(DetailWeight::Nohc, 2), (DetailWeight::None, 2), (DetailWeight::None, 40)] {
         let mut objects = [place(&torus, 1.0, -12.0), place(&sphere, 0.4, -5.0)];
         let mut node = Node::new(weight);
-        let projection = Projection::through_rectangle(DVec3::ZERO, CORNERS, 0.05, &DAffine3::IDENTITY);
-        let options = LodOptions { budget: BUDGET, occluders: SOON, ..LodOptions::default() };
         let mut frame = |number: u64| {
+            let eye = DVec3::X * if number % 35 < 3 { 9.0 } else { 0.0 };
+            let projection = Projection::through_rectangle(DVec3::ZERO, CORNERS, 0.05, &DAffine3::from_translation(eye));
+            let budget = if number % 14 < 2 { 40_000 } else { BUDGET };
+            let options = LodOptions { budget, occluders: SOON, ..LodOptions::default() };
+            objects[0].world_from_local.translation.y = (number % 7) as f64;
             objects[1].presence = if number % away_every != 1 { Presence::There } else { Presence::Away };
             let view = (&projection, number);
-            let sight = looking(DVec3::ZERO);
+            let sight = looking(eye);
             node.occluder.refine(&mut node.refinement, &mut objects, (&sight, &options), view, (weight, None));
         };
         (0..140).for_each(&mut frame);

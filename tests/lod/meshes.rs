@@ -216,8 +216,9 @@ pub fn sheet_uv(at: Vec2) -> Vec2 {
     at / SHEET_M + Vec2::new(bulge, -bulge)
 }
 
-pub fn sheet_of_texture() -> Mesh {
+/// With a texture so many times as small along either side.
+pub fn sheet_of_texture(times: Vec2) -> Mesh {
     let raw = sheet();
-    let uvs = raw.0.iter().map(|p| sheet_uv(p.truncate())).collect();
+    let uvs = raw.0.iter().map(|p| sheet_uv(p.truncate()) * times).collect();
     mesh("sheet of texture", vec![primitive(raw, Some(uvs), 0)])
 }

@@ -7,7 +7,7 @@ use super::{OccluderFrom, Refinement};
 const TURN_FRAMES: u64 = 64;
 /// One that hides something is renewed every so many frames: that takes a third to two thirds of what a turn does (`mullion bench lod`).
 const KEPT_FRAMES: u64 = 16;
-/// One in which something has moved far is drawn anew at the next of every so many frames: a mover costs that at most.
+/// One in which something has moved far is drawn anew at the next of every so many frames: movers cost one such frame in four at most.
 const MOVED_FRAMES: u64 = 4;
 /// Of what it is asked it must hide such a share to be kept. Below it improves what is seen by less than 5 % (`mullion bench lod`).
 const LEAST_HIDDEN: f32 = 0.06;

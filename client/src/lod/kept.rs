@@ -26,8 +26,8 @@ pub struct KeptOccluder {
     weighed_by: DetailWeight,
     /// By object: whether it was drawn into the occluder.
     is_inside: Vec<bool>,
-    /// By object: where it was when the occluder was drawn, `world_from_local`.
-    places: Vec<DAffine3>,
+    /// By object: where it was when the occluder was drawn, `world_from_local`, and whether it was in sight.
+    places: Vec<(DAffine3, bool)>,
     /// Whether one of them is elsewhere now.
     has_moved: bool,
 }
@@ -48,7 +48,8 @@ impl KeptOccluder {
         }
     }
 
-    /// Whether a frame draws the occluder anew or renews it, as long as the view looks about the same way and nothing goes away or moves.
+    /// Whether a frame draws the occluder anew or renews it, as long as the view looks about the same way and nothing goes away, or moves from where it was in
+    /// the last frame.
     pub fn has_turn(&self, frame: u64) -> bool {
         let follows = self.has_moved && self.course.follows_at(frame);
         follows || matches!(self.course.at(frame), Some(OccluderFrom::ThisFrame | OccluderFrom::EarlierFrameRenewed))
@@ -69,8 +70,8 @@ impl KeptOccluder {
 
     /// Refines a frame that is seen by a projection. Whether it drew the occluder anew, and what it found depends on no frame before it.
     ///
-    /// An occluder in which something is that has gone away since is drawn anew at once, and where an object has moved by a share of its size, at
-    /// the next of a few frames. Where objects are weighed it is drawn anew where it would
+    /// An occluder that hides enough to be kept is drawn anew at once where something is in it that has gone away since, or the view is another, and
+    /// at the next of a few frames where an object in sight has moved by a share of its size. Where objects are weighed it is drawn anew where it would
     /// be renewed. Weights are found anew where another way of weighing is wanted and where the view looks another way, whether the occluder
     /// hides enough to be drawn or not.
     ///
@@ -90,7 +91,11 @@ impl KeptOccluder {
         let by_boxes = weight == DetailWeight::Nohc;
         let by_estimate = tessellated.filter(|_| weight == DetailWeight::Plp);
         let is_gone = |(object, was_inside): (&LodObject<'_>, &bool)| *was_inside && object.presence == Presence::Away;
-        *has_moved = objects.iter().zip(&*places).any(|(object, place)| has_left(object, place));
+        // What is out of sight may move as it likes.
+        let moves = |(number, (object, (place, was_in_sight))): (usize, (&LodObject<'_>, &(DAffine3, bool)))| {
+            (*was_in_sight || refinement.is_in_sight(number)) && has_left(object, place)
+        };
+        *has_moved = objects.iter().zip(&*places).enumerate().any(moves);
         let is_outdated = objects.iter().zip(&*is_inside).any(is_gone) || *has_moved && course.follows_at(frame);
         let weighs = by_boxes || by_estimate.is_some();
         let holds = occluder.look(projection) && !is_outdated && (!weighs || *weighed_by == weight);
@@ -121,7 +126,8 @@ impl KeptOccluder {
             is_inside.clear();
             is_inside.extend(objects.iter().map(|object| object.is_solid && object.presence == Presence::There));
             places.clear();
-            places.extend(objects.iter().map(|object| object.world_from_local));
+            let place = |(number, object): (usize, &LodObject<'_>)| (object.world_from_local, refinement.is_in_sight(number));
+            places.extend(objects.iter().enumerate().map(place));
             *has_moved = false;
         }
         if by_boxes && is_drawn {

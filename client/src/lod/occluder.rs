@@ -36,11 +36,10 @@ const WIDER: f32 = 1.28;
 const LEAST_COSINE: f64 = 0.99;
 /// How far the eye of such frames may be from where it was, as a share of how far away what is drawn is, in the mean of its nearness.
 const MOST_PARALLAX: f64 = 0.5;
+/// The level of the picture that the mean is taken of: a sixteenth of its pixels.
+const MEAN_LEVEL: usize = 2;
 /// Of a box's rows of pixels so many are looked at, or fewer than twice as many, and columns as far apart as these.
 const SHARE_ROWS: usize = 32;
-
-/// Its mean is taken of a level of fewer pixels.
-const MEAN_LEVEL: usize = 2;
 
 /// Pixels that are filled at once, by their columns.
 const LANE: Vec4 = Vec4::new(0.0, 1.0, 2.0, 3.0);
@@ -152,10 +151,10 @@ impl DepthOccluder {
     }
 }
 
-/// Of what is above 0; 0 where nothing is.
-fn mean_above_zero(values: &[f32]) -> f64 {
+/// Of what is above 0, if anything is.
+fn mean_above_zero(values: &[f32]) -> Option<f64> {
     let (sum, count) = values.iter().filter(|v| **v > 0.0).fold((0.0, 0u32), |(sum, count), v| (sum + f64::from(*v), count + 1));
-    sum / f64::from(count.max(1))
+    (count > 0).then(|| sum / f64::from(count))
 }
 
 /// The less near of two. Both are numbers, and so it takes no branch, and several go at once.
@@ -251,7 +250,9 @@ impl Occluder for DepthOccluder {
             self.clip_from_local.push(clip_from_local);
         }
         self.build_levels();
-        self.mean_near = mean_above_zero(&self.levels[MEAN_LEVEL.min(self.levels.len() - 1)].near);
+        // Where nothing covers as much as a cell of that, of all pixels.
+        let mean = |level: usize| mean_above_zero(&self.levels[level].near);
+        self.mean_near = mean(MEAN_LEVEL.min(self.levels.len() - 1)).or_else(|| mean(0)).unwrap_or(0.0);
     }
 
     fn hides(&mut self, object: usize, hierarchy: &Hierarchy, step: StepId) -> Option<Hidden> {

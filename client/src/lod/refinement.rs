@@ -249,6 +249,7 @@ impl Refinement {
                     break;
                 }
                 is_left_over = true;
+                misfits = 0;
                 self.hidden_before = self.hidden.len() as u32;
                 self.queue.extend(self.hidden.drain(..));
                 continue;

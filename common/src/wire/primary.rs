@@ -83,7 +83,7 @@ pub struct Detail {
     pub triangles: Option<u32>,
     /// A surface may be wrong by so many pixels: 0 or more, finite.
     pub least_pixels: f32,
-    /// Whether what is hidden stays coarse.
+    /// Whether what is hidden stays coarse, but for what is left of the triangles where a surface may be wrong by 0 pixels.
     pub hides: bool,
     /// Which objects come first. Where nothing hides, all count alike.
     pub weight: DetailWeight,

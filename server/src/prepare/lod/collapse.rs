@@ -140,7 +140,8 @@ struct State {
     errors: Vec<f32>,
 }
 
-/// Places by what giving them up costs. A place's key may be less than that: it is asked anew when it comes first.
+/// Places by what giving them up costs. A place's key may be less than that: it is asked anew when it comes first. It may be more, where what is around it
+/// looks more alike since: then it comes late.
 struct Queue<'a> {
     mesh: &'a LodMesh,
     surface: Surface,

@@ -1,7 +1,7 @@
 //! How far off a coarser surface looks by its texture coordinates and colours, in metres, so that it counts like a distance.
 //!
 //! A texture is as far off as it slides: by the way, in texture coordinates, from those that a vertex had to those that the surface has there now,
-//! in metres by what its edges span of either. A colour that is wrong by a share of the way from black to white is off by that share of the patch
+//! in metres by the map from these to places that its edges come nearest to. A colour that is wrong by a share of the way from black to white is off by that share of the patch
 //! that shows it. Neither is off by more than the patch is large.
 
 use glam::{Vec2, Vec3};
@@ -30,35 +30,72 @@ struct Side<'a> {
     vertex: u32,
     fan: &'a Fan,
     onto: u32,
-    /// How far from the vertex its fan reaches, metres, and in texture coordinates.
+    /// How far from the vertex its fan reaches, metres.
     extent: f32,
-    uv_extent: f32,
+    way_from_uv: WayFromUv,
+}
+
+/// How texture coordinates that change by a little move across the surface, metres.
+#[derive(Clone, Copy)]
+enum WayFromUv {
+    /// By the first one, and by the second.
+    Map([Vec3; 2]),
+    /// Along an edge of no area there: by so much at most.
+    Scale(f32),
+}
+
+impl WayFromUv {
+    /// Of the fewest squares over edges: what each spans of texture coordinates and of space.
+    fn of(edges: impl Iterator<Item = (Vec2, Vec3)>, extent: f32) -> Self {
+        /// Below this share of the squared sum of squares their area is rounding.
+        const LEAST_AREA: f32 = 1e-6;
+        let (mut uu, mut uv, mut vv, mut along_u, mut along_v, mut reach) = (0.0, 0.0, 0.0, Vec3::ZERO, Vec3::ZERO, 0f32);
+        for (of_uv, way) in edges {
+            (uu, uv, vv) = (uu + of_uv.x * of_uv.x, uv + of_uv.x * of_uv.y, vv + of_uv.y * of_uv.y);
+            (along_u, along_v) = (along_u + way * of_uv.x, along_v + way * of_uv.y);
+            reach = reach.max(of_uv.length());
+        }
+        // Stretched or not: each axis by its own measure.
+        let area = uu * vv - uv * uv;
+        if area > LEAST_AREA * uu * vv && area.is_finite() {
+            return Self::Map([(along_u * vv - along_v * uv) / area, (along_v * uu - along_u * uv) / area]);
+        }
+        Self::Scale(if reach > 0.0 { extent / reach } else { 0.0 })
+    }
+
+    fn metres(self, slid: Vec2) -> f32 {
+        match self {
+            Self::Map([u, v]) => (u * slid.x + v * slid.y).length(),
+            Self::Scale(metres) => slid.length() * metres,
+        }
+    }
 }
 
 fn sides<'a>(mesh: &'a LodMesh, star: &'a Star, onto: [u32; 2]) -> impl Iterator<Item = Side<'a>> {
     let looks_alike = mesh.uvs.is_empty() && mesh.colors.is_empty();
     let all = (!looks_alike).then(|| star.sides().zip(onto));
     all.into_iter().flatten().map(move |((vertex, fan), onto)| {
-        let reach = |of: &dyn Fn(u32) -> f32| fan.path().iter().map(|v| of(*v)).fold(0.0, f32::max);
-        let extent = reach(&|v| mesh.positions[v as usize].distance(mesh.positions[vertex as usize]));
-        let uv = |v: u32| Vec2::from(mesh.uvs[v as usize]);
-        let uv_extent = if mesh.uvs.is_empty() { 0.0 } else { reach(&|v| uv(v).distance(uv(vertex))) };
-        Side { mesh, vertex, fan, onto, extent, uv_extent }
+        let way = |v: u32| mesh.positions[v as usize] - mesh.positions[vertex as usize];
+        let extent = fan.path().iter().map(|v| way(*v).length()).fold(0.0, f32::max);
+        let uv = |v: u32| mesh.uvs.get(v as usize).map_or(Vec2::ZERO, |uv| Vec2::from(*uv));
+        let way_from_uv = WayFromUv::of(fan.path().iter().map(|v| (uv(*v) - uv(vertex), way(*v))), extent);
+        Side { mesh, vertex, fan, onto, extent, way_from_uv }
     })
 }
 
 impl Side<'_> {
     /// In the middle between the vertex and one of its fan, or at itself.
     fn off_at(&self, end: u32) -> f32 {
-        let Self { mesh, vertex, fan, onto, extent, uv_extent } = *self;
+        let Self { mesh, vertex, fan, onto, extent, way_from_uv } = *self;
         let middle = |of: &dyn Fn(u32) -> Vec3| (of(vertex) + of(end)) * 0.5;
         let (corners, shares) = stand_in(mesh, middle(&|v| mesh.positions[v as usize]), fan, onto);
         let mixed = |of: &dyn Fn(u32) -> f32| -> f32 { corners.iter().zip(shares).map(|(v, share)| of(*v) * share).sum() };
         let change = |of: &dyn Fn(u32) -> f32| (of(vertex) + of(end)) * 0.5 - mixed(of);
         let mut off = 0f32;
-        if uv_extent > 0.0 {
-            let slid = Vec2::from([0, 1].map(|axis| change(&|v| mesh.uvs[v as usize][axis])));
-            off = slid.length() / uv_extent * extent;
+        if !mesh.uvs.is_empty() {
+            // From the vertex's own: far from 0 the differences would be rounding.
+            let own = mesh.uvs[vertex as usize];
+            off = way_from_uv.metres(Vec2::from([0, 1].map(|axis| change(&|v| mesh.uvs[v as usize][axis] - own[axis]))));
         }
         if !mesh.colors.is_empty() {
             let wrong = [0, 1, 2, 3].map(|channel| change(&|v| f32::from(mesh.colors[v as usize][channel])).abs());

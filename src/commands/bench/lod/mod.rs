@@ -74,7 +74,8 @@ pub struct Options {
     /// Frames, each half a degree from the one before.
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     frames: u64,
-    /// Go all frames so many times: of each the quickest run is told, on either side, so that what else the machine does is not taken for a cost.
+    /// Go all frames so many times: of each the quickest run is told, on either side, so that what else the machine does is not taken for a cost;
+    /// of the first frame the first run, when all is cold.
     #[arg(long, value_name = "TIMES", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     rounds: u32,
     /// Also refine until no surface is wrong by more pixels, whatever the budget, and compare that with the whole mesh.
