@@ -24,12 +24,19 @@ pub struct KeptOccluder {
     /// By object, as the last turn found them, and by what.
     weights: Vec<f32>,
     weighed_by: DetailWeight,
-    /// By object: whether it was drawn into the occluder.
-    is_inside: Vec<bool>,
-    /// By object: where it was when the occluder was drawn, `world_from_local`, and whether it was in sight.
-    places: Vec<(DAffine3, bool)>,
+    /// By object, as it was when the occluder was drawn.
+    drawn: Vec<AsDrawn>,
     /// Whether one of them is elsewhere now.
     has_moved: bool,
+}
+
+/// How an object was when the occluder was drawn.
+#[derive(Clone, Copy, Debug)]
+struct AsDrawn {
+    world_from_local: DAffine3,
+    is_in_sight: bool,
+    /// Whether it is in the picture, in sight or not.
+    is_inside: bool,
 }
 
 impl KeptOccluder {
@@ -42,8 +49,7 @@ impl KeptOccluder {
             weigher,
             weights: Vec::new(),
             weighed_by: DetailWeight::None,
-            is_inside: Vec::new(),
-            places: Vec::new(),
+            drawn: Vec::new(),
             has_moved: false,
         }
     }
@@ -64,8 +70,7 @@ impl KeptOccluder {
     pub fn forget(&mut self) {
         self.draw_anew();
         self.weights.clear();
-        self.is_inside.clear();
-        self.places.clear();
+        self.drawn.clear();
     }
 
     /// Refines a frame that is seen by a projection. Whether it drew the occluder anew, and what it found depends on no frame before it.
@@ -87,16 +92,20 @@ impl KeptOccluder {
         (projection, frame): (&Projection, u64),
         (weight, tessellated): (DetailWeight, Option<Tessellated<'_>>),
     ) -> bool {
-        let Self { occluder, course, weigher, weights, weighed_by, is_inside, places, has_moved } = self;
+        let Self { occluder, course, weigher, weights, weighed_by, drawn, has_moved } = self;
         let by_boxes = weight == DetailWeight::Nohc;
         let by_estimate = tessellated.filter(|_| weight == DetailWeight::Plp);
-        let is_gone = |(object, was_inside): (&LodObject<'_>, &bool)| *was_inside && object.presence == Presence::Away;
-        // What is out of sight may move as it likes.
-        let moves = |(number, (object, (place, was_in_sight))): (usize, (&LodObject<'_>, &(DAffine3, bool)))| {
-            (*was_in_sight || refinement.is_in_sight(number)) && has_left(object, place)
-        };
-        *has_moved = objects.iter().zip(&*places).enumerate().any(moves);
-        let is_outdated = objects.iter().zip(&*is_inside).any(is_gone) || *has_moved && course.follows_at(frame);
+        *has_moved = false;
+        let mut is_gone = false;
+        for (number, (object, was)) in objects.iter().zip(&*drawn).enumerate() {
+            if object.presence == Presence::Away {
+                is_gone |= was.is_inside;
+            } else if was.is_in_sight || refinement.is_in_sight(number) {
+                // What is out of sight may move as it likes.
+                *has_moved |= has_left(object, &was.world_from_local);
+            }
+        }
+        let is_outdated = is_gone || *has_moved && course.follows_at(frame);
         let weighs = by_boxes || by_estimate.is_some();
         let holds = occluder.look(projection) && !is_outdated && (!weighs || *weighed_by == weight);
         let from = match course.at(frame) {
@@ -123,11 +132,12 @@ impl KeptOccluder {
             course.note_renewed(frame);
         }
         if is_drawn || is_renewed {
-            is_inside.clear();
-            is_inside.extend(objects.iter().map(|object| object.is_solid && object.presence == Presence::There));
-            places.clear();
-            let place = |(number, object): (usize, &LodObject<'_>)| (object.world_from_local, refinement.is_in_sight(number));
-            places.extend(objects.iter().enumerate().map(place));
+            drawn.clear();
+            drawn.extend(objects.iter().enumerate().map(|(number, object)| AsDrawn {
+                world_from_local: object.world_from_local,
+                is_in_sight: refinement.is_in_sight(number),
+                is_inside: object.is_solid && object.presence == Presence::There,
+            }));
             *has_moved = false;
         }
         if by_boxes && is_drawn {
@@ -145,15 +155,14 @@ impl KeptOccluder {
 
 /// Whether an object is far from a place where it was.
 fn has_left(object: &LodObject<'_>, place: &DAffine3) -> bool {
-    if object.world_from_local == *place || object.presence == Presence::Away {
+    if object.world_from_local == *place {
         return false;
     }
     let corners = object.hierarchy.local_aabb().corners();
-    let [first, .., last] = corners.map(|corner| place.transform_point3(corner));
+    let [were, are] = [place, &object.world_from_local].map(|place| corners.map(|corner| place.transform_point3(corner)));
+    let [first, .., last] = were;
     let most = MOST_MOVED * first.distance(last);
-    corners
-        .iter()
-        .any(|corner| place.transform_point3(*corner).distance(object.world_from_local.transform_point3(*corner)) > most)
+    were.iter().zip(are).any(|(was, is)| was.distance(is) > most)
 }
 
 /// By the share of it that is seen, as far as that is known.
